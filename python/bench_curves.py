@@ -4,7 +4,8 @@
 
 `cleanrl` has the defaults of CleanRL's single files, `sb3` the settings of RL Baselines3 Zoo; `stillroom-cleanrl` and
 `stillroom-sb3` are Stillroom with the same, as far as it has them. A run has as many cores as `--cores` says for all
-its processes; times are of the whole command. Runs that are in the results already are not repeated.
+its processes; times are of the whole command. Runs that are in the results already are not repeated. An Atari game
+wants `--device cuda`, and a task that only one peer has settings for is run with that one.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ import numpy as np
 CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/"
 SHA256 = {
     "ppo.py": "d8dfbb7ac0b21e747b77d6e6673e566db4d6cdacc83bcebcd19cf87ad0e459ae",
+    "ppo_atari.py": "5fa8e1a1b609a6a5cc69ec7a4cddb957101f175e056a20471c7ac403182155b9",
     "ppo_continuous_action.py": "326dd8678bf9cc51abec833eb551ef2409a3804d604b689e1f0a084eca41f655",
 }
 # Episodes at the end of training whose mean return is a run's result; points of a curve.
@@ -40,7 +42,11 @@ Rows = list[tuple[int, float, int]]
 
 
 class Recipe(NamedTuple):
-    """PPO for a task. The network is two MLPs of 64 and 64 (tanh), and all else has the same value in all systems."""
+    """PPO for a task. The network is two MLPs of 64 and 64 (tanh), and all else has the same value in all systems.
+
+    A memory is an LSTM: Stable-Baselines3 has one for each of actor and critic, and the MLPs behind it; Stillroom has one
+    LSTM behind one MLP. An Atari game has DQN's convolutions in their place.
+    """
 
     frames: int
     environments: int
@@ -57,16 +63,23 @@ class Recipe(NamedTuple):
     clip_value: bool = False
     normalize: bool = False
     bootstrap: bool = True
+    clip: float = 0.2
     # The clip range falls as the rate does.
     clip_falls: bool = False
     # Stable-Baselines3 alone: state-dependent noise, drawn every so many steps.
     sde_steps: int = 0
+    # Width of the LSTM, if there is one.
+    memory: int = 0
 
 
 PPO = Recipe(500_000, 4, 128, 4, 4, 2.5e-4, True, entropy=0.01, value=0.5, clip_value=True, bootstrap=False)
 CONTINUOUS = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, True, value=0.5, clip_value=True, normalize=True, bootstrap=False)
 # The Zoo's `mujoco-defaults`, not what it has tuned for Hopper-v4 and HalfCheetah-v4.
 MUJOCO = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, normalize=True)
+ATARI = PPO._replace(frames=2_500_000, environments=8, clip=0.1)
+# The Zoo's MiniGrid-DoorKey-5x5-v0 with sb3-contrib's RecurrentPPO, its LSTM's default width, and minibatches of 128
+# frames in place of 64: Stillroom deals out whole environments.
+MEMORY = Recipe(500_000, 8, 128, 8, 10, 2.5e-4, normalize=True, memory=256)
 # The Zoo's are of hyperparams/ppo.yml at 22e3ff24. CleanRL has none for Pendulum: the frames are the Zoo's.
 RECIPES = {
     ("cleanrl", "CartPole-v1"): PPO,
@@ -79,12 +92,26 @@ RECIPES = {
     ("sb3", "Hopper-v5"): MUJOCO,
     ("cleanrl", "HalfCheetah-v5"): CONTINUOUS,
     ("sb3", "HalfCheetah-v5"): MUJOCO,
+    ("sb3", "MiniGrid-MemoryS7-v0"): MEMORY,
+    ("cleanrl", "PongNoFrameskip-v4"): ATARI,
 }
 PEERS = {"cleanrl": "CleanRL", "sb3": "SB3, Zoo"}
 TASKS = list(dict.fromkeys(task for _, task in RECIPES))
 # Those of a minute come first; of the others all systems of a seed come before the next seed.
 SHORT = TASKS[:3]
 SYSTEMS = ["sb3", "cleanrl", "stillroom-sb3", "stillroom-cleanrl"]
+
+
+def make_env(task: str) -> gym.Env:
+    """A task as Stable-Baselines3 has it, and Stillroom's actors if Gymnasium alone does not make it."""
+    if not task.startswith("MiniGrid"):
+        return gym.make(task)
+    from minigrid.wrappers import ImgObsWrapper
+
+    # The 7 x 7 cells in sight: kind, colour and state of each, at most 10.
+    cells = gym.spaces.Box(0.0, 1.0, (147,), np.float32)
+    env = ImgObsWrapper(gym.make(task))
+    return gym.wrappers.TransformObservation(env, lambda seen: seen.ravel().astype(np.float32) / 10, cells)
 
 
 def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
@@ -101,10 +128,22 @@ def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
         def step(self, actions: Any) -> Any:
             *seen, infos = super().step(actions)
             self._frames += self.num_envs
-            if final := infos.get("final_info"):
+            if "episode" in (final := infos.get("final_info", {})):
                 rows.extend((self._frames, float(one), 1) for one in final["episode"]["r"][final["_episode"]])
             return *seen, {}
 
+    if task.endswith("NoFrameskip-v4"):
+        import ale_py
+        from stable_baselines3.common import atari_wrappers
+
+        gym.register_envs(ale_py)
+        gym.wrappers.GrayScaleObservation = gym.wrappers.GrayscaleObservation
+        gym.wrappers.FrameStack = gym.wrappers.FrameStackObservation
+        # CleanRL has a copy of these.
+        sys.modules["cleanrl_utils"] = sys.modules["cleanrl_utils.atari_wrappers"] = atari_wrappers
+        name = "ppo_atari.py"
+    else:
+        name = "ppo_continuous_action.py" if recipe.normalize else "ppo.py"
     transform = gym.wrappers.TransformObservation
     gym.vector.SyncVectorEnv = Noted
     gym.wrappers.TransformObservation = lambda env, change: transform(env, change, env.observation_space)
@@ -114,18 +153,18 @@ def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
         "num_steps": recipe.steps, "num_minibatches": recipe.minibatches, "update_epochs": recipe.epochs,
         "learning_rate": recipe.rate, "anneal_lr": recipe.rate_falls, "gamma": recipe.gamma,
         "gae_lambda": recipe.gae_lambda, "ent_coef": recipe.entropy, "vf_coef": recipe.value,
-        "clip_vloss": recipe.clip_value,
+        "clip_vloss": recipe.clip_value, "clip_coef": recipe.clip,
     }  # fmt: skip
     stubs = {
         "tyro": SimpleNamespace(cli=lambda arguments: arguments(**settings)),
         "torch.utils.tensorboard": SimpleNamespace(SummaryWriter=lambda _: log),
     }
     sys.modules.update(stubs)  # type: ignore[arg-type]
-    runpy.run_path(str(folder / ("ppo_continuous_action.py" if recipe.normalize else "ppo.py")), run_name="__main__")
+    runpy.run_path(str(folder / name), run_name="__main__")
     return rows
 
 
-def run_sb3(task: str, seed: int, recipe: Recipe) -> Rows:
+def run_sb3(task: str, seed: int, recipe: Recipe, device: str) -> Rows:
     """As RL Baselines3 Zoo sets it up."""
     import stable_baselines3 as sb3
     from stable_baselines3.common import callbacks, env_util, vec_env
@@ -141,34 +180,51 @@ def run_sb3(task: str, seed: int, recipe: Recipe) -> Rows:
     def falling(value: float, falls: bool) -> Any:
         return (lambda left: left * value) if falls else value
 
-    env = env_util.make_vec_env(task, recipe.environments, seed=seed)
-    model = sb3.PPO(
-        "MlpPolicy", vec_env.VecNormalize(env, gamma=recipe.gamma) if recipe.normalize else env,
-        learning_rate=falling(recipe.rate, recipe.rate_falls), clip_range=falling(0.2, recipe.clip_falls),
+    algorithm, policy, widths = sb3.PPO, "MlpPolicy", {}
+    if recipe.memory:
+        from sb3_contrib import RecurrentPPO
+
+        algorithm, policy, widths = RecurrentPPO, "MlpLstmPolicy", {"lstm_hidden_size": recipe.memory}
+    env = env_util.make_vec_env(make_env, recipe.environments, seed=seed, env_kwargs={"task": task})
+    model = algorithm(
+        policy, vec_env.VecNormalize(env, gamma=recipe.gamma) if recipe.normalize else env,
+        learning_rate=falling(recipe.rate, recipe.rate_falls), clip_range=falling(recipe.clip, recipe.clip_falls),
         n_steps=recipe.steps, batch_size=recipe.steps * recipe.environments // recipe.minibatches,
         n_epochs=recipe.epochs, gamma=recipe.gamma, gae_lambda=recipe.gae_lambda, ent_coef=recipe.entropy,
         vf_coef=recipe.value / 2, use_sde=recipe.sde_steps > 0, sde_sample_freq=recipe.sde_steps or -1,
-        seed=seed, device="cpu",
+        policy_kwargs=widths, seed=seed, device=device,
     )  # fmt: skip
     model.learn(recipe.frames, callback=Note())
     return rows
 
 
-def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, actors: int) -> list[str]:
+def stillroom_environment(task: str) -> tuple[list[str], int]:
+    """Words that name the environment, and the limit of its steps."""
+    if task.endswith("NoFrameskip-v4"):
+        kwargs = {"game": task.removesuffix("NoFrameskip-v4")}
+        return [f"{Path(__file__).parent}/examples/atari.py:make_env", "--env-kwargs", json.dumps(kwargs)], 27_000
+    env = make_env(task)
+    if env.spec and env.spec.max_episode_steps:
+        return [f"gymnasium:{task}"], env.spec.max_episode_steps
+    return [f"{__file__}:make_env", "--env-kwargs", json.dumps({"task": task})], env.unwrapped.max_steps
+
+
+def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, options: argparse.Namespace) -> list[str]:
     """What `orchestrator` is called with."""
-    actors = math.gcd(actors, recipe.environments)
+    actors = math.gcd(options.cores, recipe.environments)
+    environment, limit = stillroom_environment(task)
     settings = {
         "actors.count": actors, "actors.environments_per_actor": recipe.environments // actors,
-        "episode.max_steps": gym.spec(task).max_episode_steps, "ppo.rollout_steps": recipe.steps,
+        "episode.max_steps": limit, "ppo.rollout_steps": recipe.steps,
         "ppo.minibatches": recipe.minibatches, "ppo.epochs": recipe.epochs, "ppo.learning_rate": recipe.rate,
         "ppo.learning_rate_end": 0.0 if recipe.rate_falls else 1.0, "ppo.gamma": recipe.gamma,
         "ppo.gae_lambda": recipe.gae_lambda, "ppo.entropy_coefficient": recipe.entropy,
-        "ppo.clip_end": 0.0 if recipe.clip_falls else 1.0, "ppo.normalize_by_minibatch": True,
+        "ppo.clip": recipe.clip, "ppo.clip_end": 0.0 if recipe.clip_falls else 1.0, "ppo.normalize_by_minibatch": True,
         "ppo.value_coefficient": recipe.value, "ppo.clip_value": recipe.clip_value,
         "ppo.bootstrap_time_limits": recipe.bootstrap, "normalize.observations": recipe.normalize,
-        "normalize.rewards": recipe.normalize, "recording.enabled": False, "recording.tensorboard": False,
-    }  # fmt: skip
-    words = ["up", "--preset", "gym", "--env", f"gymnasium:{task}", "--python", sys.executable, "--run", str(folder)]
+        "normalize.rewards": recipe.normalize, "recording.enabled": False, "recording.tensorboard": False, "learner.device": options.device,
+    } | ({"network.memory": "lstm", "network.hidden": recipe.memory} if recipe.memory else {})  # fmt: skip
+    words = ["up", "--preset", "gym", "--env", *environment, "--python", sys.executable, "--run", str(folder)]
     words += ["--seed", str(seed), "--frames", str(recipe.frames)]
     return words + [word for name, value in settings.items() for word in ("--set", f"{name}={json.dumps(value)}")]
 
@@ -208,10 +264,11 @@ def measure(job: tuple[str, str, int], deadline: float, options: argparse.Namesp
     with tempfile.TemporaryDirectory(prefix="curves-") as place, open(Path(place, "log"), "w+b") as log:
         run = Path(place, "run")
         words = [sys.executable, __file__, "--one", json.dumps([*job, str(run)]), "--cleanrl", str(options.cleanrl)]
-        words += ["--frames", str(recipe.frames)]
+        words += ["--frames", str(recipe.frames), "--device", options.device]
         if is_ours:
-            words = [options.orchestrator, *stillroom_words(task, seed, recipe, run, options.cores)]
-        environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+            words = [options.orchestrator, *stillroom_words(task, seed, recipe, run, options)]
+        environment = os.environ | {"OMP_NUM_THREADS": "1"}
+        environment |= {"CUDA_VISIBLE_DEVICES": ""} if options.device == "cpu" else {}
         began = time.monotonic()
         process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment)
         overdue = threading.Timer(deadline - began, process.terminate)
@@ -228,6 +285,7 @@ def measure(job: tuple[str, str, int], deadline: float, options: argparse.Namesp
         rows = read_stillroom(run) if is_ours else json.loads(run.read_text())
     times = {"wall_s": round(ended - began, 2), "cpu_s": round(used.ru_utime + used.ru_stime, 2)}
     of = {"system": system, "task": task, "seed": seed, "frames": recipe.frames, "cores": options.cores}
+    of |= {"device": options.device} if options.device != "cpu" else {}
     return of | times | result(rows, recipe.frames)
 
 
@@ -270,7 +328,8 @@ def read(options: argparse.Namespace) -> list[dict[str, Any]]:
     """The runs that are there, with these frames and cores."""
     runs = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     of = [(run, recipe_of(run["system"], run["task"], options).frames) for run in runs]
-    return [run for run, frames in of if (run["frames"], run["cores"]) == (frames, options.cores)]
+    at = (options.cores, options.device)
+    return [run for run, frames in of if (run["frames"], run["cores"], run.get("device", "cpu")) == (frames, *at)]
 
 
 def interval(values: list[float]) -> tuple[float, float, float]:
@@ -324,6 +383,7 @@ def draw(runs: list[dict[str, Any]], picture: Path) -> None:
                     axis.plot(frames, middle, colour, label=label)
                     axis.fill_between(frames, low, high, color=colour, alpha=0.25)
                     axis.legend(fontsize=7)
+            axis.set_visible(bool(axis.lines))
             axis.set_title(task, fontsize=8)
             axis.tick_params(labelsize=7)
     figure.tight_layout()
@@ -349,6 +409,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="seeds of each, from 1 on: %(default)s")
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time: %(default)s")
     parser.add_argument("--cores", type=int, default=1, help="cores of a run: %(default)s")
+    parser.add_argument("--device", default="cpu", choices=["cpu", "cuda"], help="of all networks: %(default)s")
     parser.add_argument("--frames", type=int, help="other frames than the settings', for a rehearsal")
     parser.add_argument("--seconds", type=float, default=1e9, help="when runs that have not ended are given up")
     parser.add_argument("--out", type=Path, default=Path("curves.jsonl"), help="results: %(default)s")
@@ -360,12 +421,14 @@ def main() -> None:
     if options.one:
         system, task, seed, rows = json.loads(options.one)
         of = (task, seed, recipe_of(system, task, options))
-        Path(rows).write_text(json.dumps(run_sb3(*of) if system == "sb3" else run_cleanrl(*of, options.cleanrl)))
+        found = run_sb3(*of, options.device) if system == "sb3" else run_cleanrl(*of, options.cleanrl)
+        Path(rows).write_text(json.dumps(found))
         return
     tasks, seeds = options.tasks.split(","), range(1, options.seeds + 1)
     order = [(task, seed) for task in tasks if task in SHORT for seed in seeds]
     order += [(task, seed) for seed in seeds for task in tasks if task not in SHORT]
     jobs = [(system, task, seed) for task, seed in order for system in options.systems.split(",")]
+    jobs = [job for job in jobs if (job[0].removeprefix("stillroom-"), job[1]) in RECIPES]
     done = {(run["system"], run["task"], run["seed"]) for run in read(options)}
     if "cleanrl" in options.systems.split(","):
         fetch(options.cleanrl)
