@@ -22,6 +22,7 @@ import tempfile
 import threading
 import time
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -44,8 +45,8 @@ Rows = list[tuple[int, float, int]]
 class Recipe(NamedTuple):
     """PPO for a task. The network is two MLPs of 64 and 64 (tanh), and all else has the same value in all systems.
 
-    A memory is an LSTM: Stable-Baselines3 has one for each of actor and critic, and the MLPs behind it; Stillroom has one
-    LSTM behind one MLP. An Atari game has DQN's convolutions in their place.
+    A memory is an LSTM: Stable-Baselines3 has one for each of actor and critic, and the MLPs behind it; Stillroom has
+    one LSTM behind one MLP. An Atari game has DQN's convolutions in their place.
     """
 
     frames: int
@@ -70,6 +71,8 @@ class Recipe(NamedTuple):
     sde_steps: int = 0
     # Width of the LSTM, if there is one.
     memory: int = 0
+    # Stillroom alone: the reward of each stage, all of as many frames.
+    rewards: tuple[str, ...] = ("r",)
 
 
 PPO = Recipe(500_000, 4, 128, 4, 4, 2.5e-4, True, entropy=0.01, value=0.5, clip_value=True, bootstrap=False)
@@ -106,12 +109,12 @@ def make_env(task: str) -> gym.Env:
     """A task as Stable-Baselines3 has it, and Stillroom's actors if Gymnasium alone does not make it."""
     if not task.startswith("MiniGrid"):
         return gym.make(task)
-    from minigrid.wrappers import ImgObsWrapper
+    from minigrid.wrappers import ImgObsWrapper, OneHotPartialObsWrapper
 
-    # The 7 x 7 cells in sight: kind, colour and state of each, at most 10.
-    cells = gym.spaces.Box(0.0, 1.0, (147,), np.float32)
-    env = ImgObsWrapper(gym.make(task))
-    return gym.wrappers.TransformObservation(env, lambda seen: seen.ravel().astype(np.float32) / 10, cells)
+    # The 7 x 7 cells in sight: kind, colour and state of each.
+    cells = gym.spaces.Box(0.0, 1.0, (7 * 7 * 20,), np.float32)
+    env = ImgObsWrapper(OneHotPartialObsWrapper(gym.make(task)))
+    return gym.wrappers.TransformObservation(env, lambda seen: seen.ravel().astype(np.float32), cells)
 
 
 def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
@@ -180,7 +183,8 @@ def run_sb3(task: str, seed: int, recipe: Recipe, device: str) -> Rows:
     def falling(value: float, falls: bool) -> Any:
         return (lambda left: left * value) if falls else value
 
-    algorithm, policy, widths = sb3.PPO, "MlpPolicy", {}
+    algorithm: Any = sb3.PPO
+    policy, widths = "MlpPolicy", {}
     if recipe.memory:
         from sb3_contrib import RecurrentPPO
 
@@ -200,13 +204,18 @@ def run_sb3(task: str, seed: int, recipe: Recipe, device: str) -> Rows:
 
 def stillroom_environment(task: str) -> tuple[list[str], int]:
     """Words that name the environment, and the limit of its steps."""
+    examples = Path(__file__).parent / "examples"
+    if task == "SafetyHopperVelocity-v1":
+        words = [f"{examples}/cheetah.py:make_env", "--env-declaration", f"{examples}/cheetah.toml"]
+        return [*words, "--env-kwargs", json.dumps({"task": "Hopper-v5", "limit_m_s": 0.7402})], 1000
     if task.endswith("NoFrameskip-v4"):
         kwargs = {"game": task.removesuffix("NoFrameskip-v4")}
-        return [f"{Path(__file__).parent}/examples/atari.py:make_env", "--env-kwargs", json.dumps(kwargs)], 27_000
+        return [f"{examples}/atari.py:make_env", "--env-kwargs", json.dumps(kwargs)], 27_000
     env = make_env(task)
     if env.spec and env.spec.max_episode_steps:
         return [f"gymnasium:{task}"], env.spec.max_episode_steps
-    return [f"{__file__}:make_env", "--env-kwargs", json.dumps({"task": task})], env.unwrapped.max_steps
+    limit: int = env.get_wrapper_attr("max_steps")
+    return [f"{__file__}:make_env", "--env-kwargs", json.dumps({"task": task})], limit
 
 
 def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, options: argparse.Namespace) -> list[str]:
@@ -222,31 +231,40 @@ def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, options:
         "ppo.clip": recipe.clip, "ppo.clip_end": 0.0 if recipe.clip_falls else 1.0, "ppo.normalize_by_minibatch": True,
         "ppo.value_coefficient": recipe.value, "ppo.clip_value": recipe.clip_value,
         "ppo.bootstrap_time_limits": recipe.bootstrap, "normalize.observations": recipe.normalize,
-        "normalize.rewards": recipe.normalize, "recording.enabled": False, "recording.tensorboard": False, "learner.device": options.device,
-    } | ({"network.memory": "lstm", "network.hidden": recipe.memory} if recipe.memory else {})  # fmt: skip
+        "normalize.rewards": recipe.normalize, "recording.enabled": False, "recording.tensorboard": False,
+        "learner.device": options.device, "network.memory": "lstm" if recipe.memory else "none",
+        "network.hidden": recipe.memory or 512,
+    }  # fmt: skip
     words = ["up", "--preset", "gym", "--env", *environment, "--python", sys.executable, "--run", str(folder)]
-    words += ["--seed", str(seed), "--frames", str(recipe.frames)]
+    frames = recipe.frames // len(recipe.rewards)
+    stages = [f'{{name = "{at}", reward = "{of}", frames = {frames}}}' for at, of in enumerate(recipe.rewards)]
+    words += ["--seed", str(seed), "--set", f"stages=[{', '.join(stages)}]"]
     return words + [word for name, value in settings.items() for word in ("--set", f"{name}={json.dumps(value)}")]
 
 
-def read_stillroom(folder: Path) -> Rows:
+def read_stillroom(folder: Path, metric: str = "episode/return") -> Rows:
     """A row a rollout in which episodes ended. Nothing has interrupted the run, so every line counts."""
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     found = ((line["frames"], line["metrics"]) for line in lines)
-    return [(frames, of["episode/return"], int(of["episode/count"])) for frames, of in found if of["episode/count"]]
+    return [(frames, of[metric], int(of["episode/count"])) for frames, of in found if of["episode/count"]]
+
+
+def last(rows: Rows) -> float | None:
+    """Mean of the last episodes."""
+    values: list[float] = []
+    for _, value, count in reversed(rows):
+        values += [value] * min(count, LAST_EPISODES - len(values))
+    return round(float(np.mean(values)), 3) if values else None
 
 
 def result(rows: Rows, frames: int) -> dict[str, Any]:
     """Mean return of the last episodes, and of those that ended in each part of the training."""
-    last: list[float] = []
-    for _, value, count in reversed(rows):
-        last += [value] * min(count, LAST_EPISODES - len(last))
     curve = [[0.0, 0] for _ in range(POINTS)]
     for at, value, count in rows:
         part = curve[min((at - 1) * POINTS // frames, POINTS - 1)]
         part[0], part[1] = part[0] + value * count, part[1] + count
     return {
-        "final": round(float(np.mean(last)), 3) if last else None,
+        "final": last(rows),
         "curve": [round(total / count, 3) if count else None for total, count in curve],
     }
 
@@ -257,18 +275,10 @@ def recipe_of(system: str, task: str, options: argparse.Namespace) -> Recipe:
     return recipe._replace(frames=options.frames) if options.frames else recipe
 
 
-def measure(job: tuple[str, str, int], deadline: float, options: argparse.Namespace) -> dict[str, Any] | None:
-    """A run in processes of its own, on the cores of this thread; none if time is over before its end."""
-    system, task, seed = job
-    recipe, is_ours = recipe_of(system, task, options), system.startswith("stillroom")
-    with tempfile.TemporaryDirectory(prefix="curves-") as place, open(Path(place, "log"), "w+b") as log:
-        run = Path(place, "run")
-        words = [sys.executable, __file__, "--one", json.dumps([*job, str(run)]), "--cleanrl", str(options.cleanrl)]
-        words += ["--frames", str(recipe.frames), "--device", options.device]
-        if is_ours:
-            words = [options.orchestrator, *stillroom_words(task, seed, recipe, run, options)]
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
-        environment |= {"CUDA_VISIBLE_DEVICES": ""} if options.device == "cpu" else {}
+def timed(words: list[str], deadline: float, device: str) -> dict[str, float] | None:
+    """Times of a command, on the cores of this thread; none if time is over before its end."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1"} | ({"CUDA_VISIBLE_DEVICES": ""} if device == "cpu" else {})
+    with tempfile.TemporaryFile() as log:
         began = time.monotonic()
         process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment)
         overdue = threading.Timer(deadline - began, process.terminate)
@@ -280,16 +290,31 @@ def measure(job: tuple[str, str, int], deadline: float, options: argparse.Namesp
         if ended >= deadline:
             return None
         if process.returncode:
-            log.seek(max(0, log.tell() - 2000))
-            raise RuntimeError(f"{job} ended with {process.returncode}: {log.read().decode(errors='replace')}")
+            log.seek(max(0, log.seek(0, os.SEEK_END) - 2000))
+            raise RuntimeError(f"{words[:4]} ended with {process.returncode}: {log.read().decode(errors='replace')}")
+    return {"wall_s": round(ended - began, 2), "cpu_s": round(used.ru_utime + used.ru_stime, 2)}
+
+
+def measure(job: Any, deadline: float, options: argparse.Namespace) -> dict[str, Any] | None:
+    """A run in processes of its own; none if time is over before its end."""
+    system, task, seed = job
+    recipe, is_ours = recipe_of(system, task, options), system.startswith("stillroom")
+    with tempfile.TemporaryDirectory(prefix="curves-") as place:
+        run = Path(place, "run")
+        words = [sys.executable, __file__, "--one", json.dumps([*job, str(run)]), "--cleanrl", str(options.cleanrl)]
+        words += ["--frames", str(recipe.frames), "--device", options.device]
+        if is_ours:
+            words = [options.orchestrator, *stillroom_words(task, seed, recipe, run, options)]
+        times = timed(words, deadline, options.device)
+        if not times:
+            return None
         rows = read_stillroom(run) if is_ours else json.loads(run.read_text())
-    times = {"wall_s": round(ended - began, 2), "cpu_s": round(used.ru_utime + used.ru_stime, 2)}
     of = {"system": system, "task": task, "seed": seed, "frames": recipe.frames, "cores": options.cores}
     of |= {"device": options.device} if options.device != "cpu" else {}
     return of | times | result(rows, recipe.frames)
 
 
-def run_all(jobs: list[tuple[str, str, int]], options: argparse.Namespace) -> bool:
+def run_all(jobs: list[Any], options: argparse.Namespace, measure: Callable[..., dict[str, Any] | None]) -> bool:
     """All runs, some at a time; whether none has failed."""
     there = sorted(os.sched_getaffinity(0))
     if len(there) < options.jobs * options.cores:
@@ -401,21 +426,26 @@ def fetch(folder: Path) -> None:
             sys.exit(f"bench-curves: {folder / name} is not the file of the pinned commit: remove it")
 
 
-def main() -> None:
-    """The command."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--systems", default=",".join(SYSTEMS), help="%(default)s")
-    parser.add_argument("--tasks", default=",".join(TASKS), help="%(default)s")
+def add_arguments(parser: argparse.ArgumentParser, out: Path) -> None:
+    """Those of `run_all`."""
     parser.add_argument("--seeds", type=int, default=5, help="seeds of each, from 1 on: %(default)s")
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time: %(default)s")
     parser.add_argument("--cores", type=int, default=1, help="cores of a run: %(default)s")
     parser.add_argument("--device", default="cpu", choices=["cpu", "cuda"], help="of all networks: %(default)s")
     parser.add_argument("--frames", type=int, help="other frames than the settings', for a rehearsal")
     parser.add_argument("--seconds", type=float, default=1e9, help="when runs that have not ended are given up")
-    parser.add_argument("--out", type=Path, default=Path("curves.jsonl"), help="results: %(default)s")
+    parser.add_argument("--out", type=Path, default=out, help="results: %(default)s")
+    parser.add_argument("--orchestrator", default="orchestrator", help="%(default)s")
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--systems", default=",".join(SYSTEMS), help="%(default)s")
+    parser.add_argument("--tasks", default=",".join(TASKS), help="%(default)s")
+    add_arguments(parser, Path("curves.jsonl"))
     parser.add_argument("--picture", type=Path, help="a PNG of the curves, too")
     parser.add_argument("--cleanrl", type=Path, default=Path("cleanrl"), help="folder of CleanRL's files: %(default)s")
-    parser.add_argument("--orchestrator", default="orchestrator", help="%(default)s")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
@@ -432,7 +462,7 @@ def main() -> None:
     done = {(run["system"], run["task"], run["seed"]) for run in read(options)}
     if "cleanrl" in options.systems.split(","):
         fetch(options.cleanrl)
-    all_well = run_all([job for job in jobs if job not in done], options)
+    all_well = run_all([job for job in jobs if job not in done], options, measure)
     print(table(runs := read(options)))
     if options.picture:
         draw(runs, options.picture)
