@@ -82,7 +82,7 @@ MUJOCO = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, normalize=True)
 ATARI = PPO._replace(frames=2_500_000, environments=8, clip=0.1)
 # Those of lcswillems/rl-starter-files, which the Zoo's MiniGrid follows, for sb3-contrib's RecurrentPPO, but
 # that the LSTM has 64 in place of 256, by which a run of the peer takes minutes and not an hour.
-MEMORY = Recipe(500_000, 16, 128, 8, 4, 1e-3, entropy=0.01, memory=64)
+MEMORY = Recipe(400_000, 16, 128, 8, 4, 1e-3, entropy=0.01, memory=64)
 # The Zoo's are of hyperparams/ppo.yml at 22e3ff24. CleanRL has none for Pendulum: the frames are the Zoo's.
 RECIPES = {
     ("cleanrl", "CartPole-v1"): PPO,
