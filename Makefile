@@ -2,7 +2,7 @@
 .DEFAULT_GOAL := help
 .PHONY: help setup build library install uninstall up play test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
-	python python-aarch64 test-python bench-python bench-env bench-depth bench-transfer bench-curves dist
+	python python-aarch64 test-python bench-python bench-env bench-depth bench-transfer bench-curves bench-safety dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
 .NOTPARALLEL:
 
@@ -47,6 +47,7 @@ help:
 	@echo 'make bench-transfer   models/fetch.safetensors under rapier and under MuJoCo, the same episodes (docs/transfer.md)'
 	@echo 'make bench-curves   learning curves and frames/s of CleanRL, Stable-Baselines3 and Stillroom with the same settings'
 	@echo '             (RESULTS.md); torch and the peers go into .venv/; ARGS="--tasks CartPole-v1 --jobs 2" runs less'
+	@echo 'make bench-safety   return and cost of a hopper with a speed limit, trained in four ways'
 	@echo 'make lint    formatting and clippy, warnings are errors; and check-deploy'
 	@echo 'make check-deploy   the image, manifests, service unit and shell scripts; STRICT=yes: what cannot be checked is an error'
 	@echo 'make doc     the API documentation, warnings are errors; and the book'
@@ -187,6 +188,10 @@ bench-curves: build
 		"$$python" -m pip install --quiet --disable-pip-version-check -r python/bench_curves.txt && \
 		"$$python" python/bench_curves.py --orchestrator target/release/orchestrator --cleanrl target/cleanrl \
 			--out target/curves.jsonl $(ARGS)
+
+bench-safety: build
+	@python=$$(PYTHON='$(PYTHON)' python/setup) && \
+		"$$python" python/bench_safety.py --orchestrator target/release/orchestrator --out target/safety.jsonl $(ARGS)
 
 bench-depth:
 	@python=$$(PYTHON='$(PYTHON)' python/setup) && \

@@ -4,7 +4,8 @@
 
 `cleanrl` has the defaults of CleanRL's single files, `sb3` the settings of RL Baselines3 Zoo; `stillroom-cleanrl` and
 `stillroom-sb3` are Stillroom with the same, as far as it has them. A run has as many cores as `--cores` says for all
-its processes; times are of the whole command. Runs that are in the results already are not repeated.
+its processes; times are of the whole command. Runs that are in the results already are not repeated. An Atari game
+wants `--device cuda`, and a task that only one peer has settings for is run with that one.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import tempfile
 import threading
 import time
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -31,6 +33,7 @@ import numpy as np
 CLEANRL = "https://raw.githubusercontent.com/vwxyzjn/cleanrl/fe8d8a03c41a7ef5b523e2e354bd01c363e786bb/cleanrl/"
 SHA256 = {
     "ppo.py": "d8dfbb7ac0b21e747b77d6e6673e566db4d6cdacc83bcebcd19cf87ad0e459ae",
+    "ppo_atari.py": "5fa8e1a1b609a6a5cc69ec7a4cddb957101f175e056a20471c7ac403182155b9",
     "ppo_continuous_action.py": "326dd8678bf9cc51abec833eb551ef2409a3804d604b689e1f0a084eca41f655",
 }
 # Episodes at the end of training whose mean return is a run's result; points of a curve.
@@ -40,7 +43,11 @@ Rows = list[tuple[int, float, int]]
 
 
 class Recipe(NamedTuple):
-    """PPO for a task. The network is two MLPs of 64 and 64 (tanh), and all else has the same value in all systems."""
+    """PPO for a task. The network is two MLPs of 64 and 64 (tanh), and all else has the same value in all systems.
+
+    A memory is an LSTM: Stable-Baselines3 has one for each of actor and critic, and the MLPs behind it; Stillroom has
+    one LSTM behind one MLP. An Atari game has DQN's convolutions in their place.
+    """
 
     frames: int
     environments: int
@@ -57,16 +64,25 @@ class Recipe(NamedTuple):
     clip_value: bool = False
     normalize: bool = False
     bootstrap: bool = True
+    clip: float = 0.2
     # The clip range falls as the rate does.
     clip_falls: bool = False
     # Stable-Baselines3 alone: state-dependent noise, drawn every so many steps.
     sde_steps: int = 0
+    # Width of the LSTM, if there is one.
+    memory: int = 0
+    # Stillroom alone: the reward of each stage, all of as many frames.
+    rewards: tuple[str, ...] = ("r",)
 
 
 PPO = Recipe(500_000, 4, 128, 4, 4, 2.5e-4, True, entropy=0.01, value=0.5, clip_value=True, bootstrap=False)
 CONTINUOUS = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, True, value=0.5, clip_value=True, normalize=True, bootstrap=False)
 # The Zoo's `mujoco-defaults`, not what it has tuned for Hopper-v4 and HalfCheetah-v4.
 MUJOCO = Recipe(1_000_000, 1, 2048, 32, 10, 3e-4, normalize=True)
+ATARI = PPO._replace(frames=2_500_000, environments=8, clip=0.1)
+# Those of lcswillems/rl-starter-files, which the Zoo's MiniGrid follows, for sb3-contrib's RecurrentPPO, but
+# that the LSTM has 64 in place of 256, by which a run of the peer takes minutes and not an hour.
+MEMORY = Recipe(400_000, 16, 128, 8, 4, 1e-3, entropy=0.01, memory=64)
 # The Zoo's are of hyperparams/ppo.yml at 22e3ff24. CleanRL has none for Pendulum: the frames are the Zoo's.
 RECIPES = {
     ("cleanrl", "CartPole-v1"): PPO,
@@ -79,12 +95,26 @@ RECIPES = {
     ("sb3", "Hopper-v5"): MUJOCO,
     ("cleanrl", "HalfCheetah-v5"): CONTINUOUS,
     ("sb3", "HalfCheetah-v5"): MUJOCO,
+    ("sb3", "MiniGrid-MemoryS7-v0"): MEMORY,
+    ("cleanrl", "PongNoFrameskip-v4"): ATARI,
 }
 PEERS = {"cleanrl": "CleanRL", "sb3": "SB3, Zoo"}
 TASKS = list(dict.fromkeys(task for _, task in RECIPES))
 # Those of a minute come first; of the others all systems of a seed come before the next seed.
 SHORT = TASKS[:3]
 SYSTEMS = ["sb3", "cleanrl", "stillroom-sb3", "stillroom-cleanrl"]
+
+
+def make_env(task: str) -> gym.Env:
+    """A task as Stable-Baselines3 has it, and Stillroom's actors if Gymnasium alone does not make it."""
+    if not task.startswith("MiniGrid"):
+        return gym.make(task)
+    from minigrid.wrappers import ImgObsWrapper, OneHotPartialObsWrapper
+
+    # The 7 x 7 cells in sight: kind, colour and state of each.
+    cells = gym.spaces.Box(0.0, 1.0, (7 * 7 * 20,), np.float32)
+    env = ImgObsWrapper(OneHotPartialObsWrapper(gym.make(task)))
+    return gym.wrappers.TransformObservation(env, lambda seen: seen.ravel().astype(np.float32), cells)
 
 
 def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
@@ -101,10 +131,22 @@ def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
         def step(self, actions: Any) -> Any:
             *seen, infos = super().step(actions)
             self._frames += self.num_envs
-            if final := infos.get("final_info"):
+            if "episode" in (final := infos.get("final_info", {})):
                 rows.extend((self._frames, float(one), 1) for one in final["episode"]["r"][final["_episode"]])
             return *seen, {}
 
+    if task.endswith("NoFrameskip-v4"):
+        import ale_py
+        from stable_baselines3.common import atari_wrappers
+
+        gym.register_envs(ale_py)
+        gym.wrappers.GrayScaleObservation = gym.wrappers.GrayscaleObservation
+        gym.wrappers.FrameStack = gym.wrappers.FrameStackObservation
+        # CleanRL has a copy of these.
+        sys.modules["cleanrl_utils"] = sys.modules["cleanrl_utils.atari_wrappers"] = atari_wrappers
+        name = "ppo_atari.py"
+    else:
+        name = "ppo_continuous_action.py" if recipe.normalize else "ppo.py"
     transform = gym.wrappers.TransformObservation
     gym.vector.SyncVectorEnv = Noted
     gym.wrappers.TransformObservation = lambda env, change: transform(env, change, env.observation_space)
@@ -114,18 +156,18 @@ def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
         "num_steps": recipe.steps, "num_minibatches": recipe.minibatches, "update_epochs": recipe.epochs,
         "learning_rate": recipe.rate, "anneal_lr": recipe.rate_falls, "gamma": recipe.gamma,
         "gae_lambda": recipe.gae_lambda, "ent_coef": recipe.entropy, "vf_coef": recipe.value,
-        "clip_vloss": recipe.clip_value,
+        "clip_vloss": recipe.clip_value, "clip_coef": recipe.clip,
     }  # fmt: skip
     stubs = {
         "tyro": SimpleNamespace(cli=lambda arguments: arguments(**settings)),
         "torch.utils.tensorboard": SimpleNamespace(SummaryWriter=lambda _: log),
     }
     sys.modules.update(stubs)  # type: ignore[arg-type]
-    runpy.run_path(str(folder / ("ppo_continuous_action.py" if recipe.normalize else "ppo.py")), run_name="__main__")
+    runpy.run_path(str(folder / name), run_name="__main__")
     return rows
 
 
-def run_sb3(task: str, seed: int, recipe: Recipe) -> Rows:
+def run_sb3(task: str, seed: int, recipe: Recipe, device: str) -> Rows:
     """As RL Baselines3 Zoo sets it up."""
     import stable_baselines3 as sb3
     from stable_baselines3.common import callbacks, env_util, vec_env
@@ -141,56 +183,88 @@ def run_sb3(task: str, seed: int, recipe: Recipe) -> Rows:
     def falling(value: float, falls: bool) -> Any:
         return (lambda left: left * value) if falls else value
 
-    env = env_util.make_vec_env(task, recipe.environments, seed=seed)
-    model = sb3.PPO(
-        "MlpPolicy", vec_env.VecNormalize(env, gamma=recipe.gamma) if recipe.normalize else env,
-        learning_rate=falling(recipe.rate, recipe.rate_falls), clip_range=falling(0.2, recipe.clip_falls),
+    algorithm: Any = sb3.PPO
+    policy, widths = "MlpPolicy", {}
+    if recipe.memory:
+        from sb3_contrib import RecurrentPPO
+
+        algorithm, policy, widths = RecurrentPPO, "MlpLstmPolicy", {"lstm_hidden_size": recipe.memory}
+    env = env_util.make_vec_env(make_env, recipe.environments, seed=seed, env_kwargs={"task": task})
+    model = algorithm(
+        policy, vec_env.VecNormalize(env, gamma=recipe.gamma) if recipe.normalize else env,
+        learning_rate=falling(recipe.rate, recipe.rate_falls), clip_range=falling(recipe.clip, recipe.clip_falls),
         n_steps=recipe.steps, batch_size=recipe.steps * recipe.environments // recipe.minibatches,
         n_epochs=recipe.epochs, gamma=recipe.gamma, gae_lambda=recipe.gae_lambda, ent_coef=recipe.entropy,
         vf_coef=recipe.value / 2, use_sde=recipe.sde_steps > 0, sde_sample_freq=recipe.sde_steps or -1,
-        seed=seed, device="cpu",
+        policy_kwargs=widths, seed=seed, device=device,
     )  # fmt: skip
     model.learn(recipe.frames, callback=Note())
     return rows
 
 
-def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, actors: int) -> list[str]:
+def stillroom_environment(task: str) -> tuple[list[str], int]:
+    """Words that name the environment, and the limit of its steps."""
+    examples = Path(__file__).parent / "examples"
+    if task == "SafetyHopperVelocity-v1":
+        words = [f"{examples}/cheetah.py:make_env", "--env-declaration", f"{examples}/cheetah.toml"]
+        return [*words, "--env-kwargs", json.dumps({"task": "Hopper-v5", "limit_m_s": 0.7402})], 1000
+    if task.endswith("NoFrameskip-v4"):
+        kwargs = {"game": task.removesuffix("NoFrameskip-v4")}
+        return [f"{examples}/atari.py:make_env", "--env-kwargs", json.dumps(kwargs)], 27_000
+    env = make_env(task)
+    if env.spec and env.spec.max_episode_steps:
+        return [f"gymnasium:{task}"], env.spec.max_episode_steps
+    limit: int = env.get_wrapper_attr("max_steps")
+    return [f"{__file__}:make_env", "--env-kwargs", json.dumps({"task": task})], limit
+
+
+def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, options: argparse.Namespace) -> list[str]:
     """What `orchestrator` is called with."""
-    actors = math.gcd(actors, recipe.environments)
+    actors = math.gcd(options.cores, recipe.environments)
+    environment, limit = stillroom_environment(task)
     settings = {
         "actors.count": actors, "actors.environments_per_actor": recipe.environments // actors,
-        "episode.max_steps": gym.spec(task).max_episode_steps, "ppo.rollout_steps": recipe.steps,
+        "episode.max_steps": limit, "ppo.rollout_steps": recipe.steps,
         "ppo.minibatches": recipe.minibatches, "ppo.epochs": recipe.epochs, "ppo.learning_rate": recipe.rate,
         "ppo.learning_rate_end": 0.0 if recipe.rate_falls else 1.0, "ppo.gamma": recipe.gamma,
         "ppo.gae_lambda": recipe.gae_lambda, "ppo.entropy_coefficient": recipe.entropy,
-        "ppo.clip_end": 0.0 if recipe.clip_falls else 1.0, "ppo.normalize_by_minibatch": True,
+        "ppo.clip": recipe.clip, "ppo.clip_end": 0.0 if recipe.clip_falls else 1.0, "ppo.normalize_by_minibatch": True,
         "ppo.value_coefficient": recipe.value, "ppo.clip_value": recipe.clip_value,
         "ppo.bootstrap_time_limits": recipe.bootstrap, "normalize.observations": recipe.normalize,
         "normalize.rewards": recipe.normalize, "recording.enabled": False, "recording.tensorboard": False,
+        "learner.device": options.device, "network.memory": "lstm" if recipe.memory else "none",
+        "network.hidden": recipe.memory or 512,
     }  # fmt: skip
-    words = ["up", "--preset", "gym", "--env", f"gymnasium:{task}", "--python", sys.executable, "--run", str(folder)]
-    words += ["--seed", str(seed), "--frames", str(recipe.frames)]
+    words = ["up", "--preset", "gym", "--env", *environment, "--python", sys.executable, "--run", str(folder)]
+    frames = recipe.frames // len(recipe.rewards)
+    stages = [f'{{name = "{at}", reward = "{of}", frames = {frames}}}' for at, of in enumerate(recipe.rewards)]
+    words += ["--seed", str(seed), "--set", f"stages=[{', '.join(stages)}]"]
     return words + [word for name, value in settings.items() for word in ("--set", f"{name}={json.dumps(value)}")]
 
 
-def read_stillroom(folder: Path) -> Rows:
+def read_stillroom(folder: Path, metric: str = "episode/return") -> Rows:
     """A row a rollout in which episodes ended. Nothing has interrupted the run, so every line counts."""
     lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
     found = ((line["frames"], line["metrics"]) for line in lines)
-    return [(frames, of["episode/return"], int(of["episode/count"])) for frames, of in found if of["episode/count"]]
+    return [(frames, of[metric], int(of["episode/count"])) for frames, of in found if of["episode/count"]]
+
+
+def last(rows: Rows) -> float | None:
+    """Mean of the last episodes."""
+    values: list[float] = []
+    for _, value, count in reversed(rows):
+        values += [value] * min(count, LAST_EPISODES - len(values))
+    return round(float(np.mean(values)), 3) if values else None
 
 
 def result(rows: Rows, frames: int) -> dict[str, Any]:
     """Mean return of the last episodes, and of those that ended in each part of the training."""
-    last: list[float] = []
-    for _, value, count in reversed(rows):
-        last += [value] * min(count, LAST_EPISODES - len(last))
     curve = [[0.0, 0] for _ in range(POINTS)]
     for at, value, count in rows:
         part = curve[min((at - 1) * POINTS // frames, POINTS - 1)]
         part[0], part[1] = part[0] + value * count, part[1] + count
     return {
-        "final": round(float(np.mean(last)), 3) if last else None,
+        "final": last(rows),
         "curve": [round(total / count, 3) if count else None for total, count in curve],
     }
 
@@ -201,17 +275,10 @@ def recipe_of(system: str, task: str, options: argparse.Namespace) -> Recipe:
     return recipe._replace(frames=options.frames) if options.frames else recipe
 
 
-def measure(job: tuple[str, str, int], deadline: float, options: argparse.Namespace) -> dict[str, Any] | None:
-    """A run in processes of its own, on the cores of this thread; none if time is over before its end."""
-    system, task, seed = job
-    recipe, is_ours = recipe_of(system, task, options), system.startswith("stillroom")
-    with tempfile.TemporaryDirectory(prefix="curves-") as place, open(Path(place, "log"), "w+b") as log:
-        run = Path(place, "run")
-        words = [sys.executable, __file__, "--one", json.dumps([*job, str(run)]), "--cleanrl", str(options.cleanrl)]
-        words += ["--frames", str(recipe.frames)]
-        if is_ours:
-            words = [options.orchestrator, *stillroom_words(task, seed, recipe, run, options.cores)]
-        environment = os.environ | {"OMP_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+def timed(words: list[str], deadline: float, device: str) -> dict[str, float] | None:
+    """Times of a command, on the cores of this thread; none if time is over before its end."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1"} | ({"CUDA_VISIBLE_DEVICES": ""} if device == "cpu" else {})
+    with tempfile.TemporaryFile() as log:
         began = time.monotonic()
         process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment)
         overdue = threading.Timer(deadline - began, process.terminate)
@@ -223,15 +290,31 @@ def measure(job: tuple[str, str, int], deadline: float, options: argparse.Namesp
         if ended >= deadline:
             return None
         if process.returncode:
-            log.seek(max(0, log.tell() - 2000))
-            raise RuntimeError(f"{job} ended with {process.returncode}: {log.read().decode(errors='replace')}")
+            log.seek(max(0, log.seek(0, os.SEEK_END) - 2000))
+            raise RuntimeError(f"{words[:4]} ended with {process.returncode}: {log.read().decode(errors='replace')}")
+    return {"wall_s": round(ended - began, 2), "cpu_s": round(used.ru_utime + used.ru_stime, 2)}
+
+
+def measure(job: Any, deadline: float, options: argparse.Namespace) -> dict[str, Any] | None:
+    """A run in processes of its own; none if time is over before its end."""
+    system, task, seed = job
+    recipe, is_ours = recipe_of(system, task, options), system.startswith("stillroom")
+    with tempfile.TemporaryDirectory(prefix="curves-") as place:
+        run = Path(place, "run")
+        words = [sys.executable, __file__, "--one", json.dumps([*job, str(run)]), "--cleanrl", str(options.cleanrl)]
+        words += ["--frames", str(recipe.frames), "--device", options.device]
+        if is_ours:
+            words = [options.orchestrator, *stillroom_words(task, seed, recipe, run, options)]
+        times = timed(words, deadline, options.device)
+        if not times:
+            return None
         rows = read_stillroom(run) if is_ours else json.loads(run.read_text())
-    times = {"wall_s": round(ended - began, 2), "cpu_s": round(used.ru_utime + used.ru_stime, 2)}
     of = {"system": system, "task": task, "seed": seed, "frames": recipe.frames, "cores": options.cores}
+    of |= {"device": options.device} if options.device != "cpu" else {}
     return of | times | result(rows, recipe.frames)
 
 
-def run_all(jobs: list[tuple[str, str, int]], options: argparse.Namespace) -> bool:
+def run_all(jobs: list[Any], options: argparse.Namespace, measure: Callable[..., dict[str, Any] | None]) -> bool:
     """All runs, some at a time; whether none has failed."""
     there = sorted(os.sched_getaffinity(0))
     if len(there) < options.jobs * options.cores:
@@ -270,7 +353,8 @@ def read(options: argparse.Namespace) -> list[dict[str, Any]]:
     """The runs that are there, with these frames and cores."""
     runs = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
     of = [(run, recipe_of(run["system"], run["task"], options).frames) for run in runs]
-    return [run for run, frames in of if (run["frames"], run["cores"]) == (frames, options.cores)]
+    at = (options.cores, options.device)
+    return [run for run, frames in of if (run["frames"], run["cores"], run.get("device", "cpu")) == (frames, *at)]
 
 
 def interval(values: list[float]) -> tuple[float, float, float]:
@@ -324,6 +408,7 @@ def draw(runs: list[dict[str, Any]], picture: Path) -> None:
                     axis.plot(frames, middle, colour, label=label)
                     axis.fill_between(frames, low, high, color=colour, alpha=0.25)
                     axis.legend(fontsize=7)
+            axis.set_visible(bool(axis.lines))
             axis.set_title(task, fontsize=8)
             axis.tick_params(labelsize=7)
     figure.tight_layout()
@@ -341,35 +426,43 @@ def fetch(folder: Path) -> None:
             sys.exit(f"bench-curves: {folder / name} is not the file of the pinned commit: remove it")
 
 
+def add_arguments(parser: argparse.ArgumentParser, out: Path) -> None:
+    """Those of `run_all`."""
+    parser.add_argument("--seeds", type=int, default=5, help="seeds of each, from 1 on: %(default)s")
+    parser.add_argument("--jobs", type=int, default=1, help="runs at a time: %(default)s")
+    parser.add_argument("--cores", type=int, default=1, help="cores of a run: %(default)s")
+    parser.add_argument("--device", default="cpu", choices=["cpu", "cuda"], help="of all networks: %(default)s")
+    parser.add_argument("--frames", type=int, help="other frames than the settings', for a rehearsal")
+    parser.add_argument("--seconds", type=float, default=1e9, help="when runs that have not ended are given up")
+    parser.add_argument("--out", type=Path, default=out, help="results: %(default)s")
+    parser.add_argument("--orchestrator", default="orchestrator", help="%(default)s")
+
+
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--systems", default=",".join(SYSTEMS), help="%(default)s")
     parser.add_argument("--tasks", default=",".join(TASKS), help="%(default)s")
-    parser.add_argument("--seeds", type=int, default=5, help="seeds of each, from 1 on: %(default)s")
-    parser.add_argument("--jobs", type=int, default=1, help="runs at a time: %(default)s")
-    parser.add_argument("--cores", type=int, default=1, help="cores of a run: %(default)s")
-    parser.add_argument("--frames", type=int, help="other frames than the settings', for a rehearsal")
-    parser.add_argument("--seconds", type=float, default=1e9, help="when runs that have not ended are given up")
-    parser.add_argument("--out", type=Path, default=Path("curves.jsonl"), help="results: %(default)s")
+    add_arguments(parser, Path("curves.jsonl"))
     parser.add_argument("--picture", type=Path, help="a PNG of the curves, too")
     parser.add_argument("--cleanrl", type=Path, default=Path("cleanrl"), help="folder of CleanRL's files: %(default)s")
-    parser.add_argument("--orchestrator", default="orchestrator", help="%(default)s")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
         system, task, seed, rows = json.loads(options.one)
         of = (task, seed, recipe_of(system, task, options))
-        Path(rows).write_text(json.dumps(run_sb3(*of) if system == "sb3" else run_cleanrl(*of, options.cleanrl)))
+        found = run_sb3(*of, options.device) if system == "sb3" else run_cleanrl(*of, options.cleanrl)
+        Path(rows).write_text(json.dumps(found))
         return
     tasks, seeds = options.tasks.split(","), range(1, options.seeds + 1)
     order = [(task, seed) for task in tasks if task in SHORT for seed in seeds]
     order += [(task, seed) for seed in seeds for task in tasks if task not in SHORT]
     jobs = [(system, task, seed) for task, seed in order for system in options.systems.split(",")]
+    jobs = [job for job in jobs if (job[0].removeprefix("stillroom-"), job[1]) in RECIPES]
     done = {(run["system"], run["task"], run["seed"]) for run in read(options)}
     if "cleanrl" in options.systems.split(","):
         fetch(options.cleanrl)
-    all_well = run_all([job for job in jobs if job not in done], options)
+    all_well = run_all([job for job in jobs if job not in done], options, measure)
     print(table(runs := read(options)))
     if options.picture:
         draw(runs, options.picture)
