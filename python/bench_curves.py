@@ -2,10 +2,10 @@
 
     make bench-curves ARGS="--tasks CartPole-v1,Pendulum-v1 --seeds 5 --jobs 2 --picture curves.png"
 
-`cleanrl` has the defaults of CleanRL's single files, `sb3` the settings of RL Baselines3 Zoo; `stillroom-cleanrl` and
-`stillroom-sb3` are Stillroom with the same, as far as it has them. A run has as many cores as `--cores` says for all
-its processes; times are of the whole command. Runs that are in the results already are not repeated. An Atari game
-wants `--device cuda`, and a task that only one peer has settings for is run with that one.
+`cleanrl` has the defaults of CleanRL's single files, `sb3` the settings of RL Baselines3 Zoo (MiniGrid's are below);
+`stillroom-cleanrl` and `stillroom-sb3` are Stillroom with the same, as far as it has them. A run has as many cores as
+`--cores` says for all its processes; times are of the whole command. Runs that are in the results already are not
+repeated. An Atari game wants `--device cuda`, and a task that only one peer has settings for is run with that one.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ RECIPES = {
     ("sb3", "MiniGrid-MemoryS7-v0"): MEMORY,
     ("cleanrl", "PongNoFrameskip-v4"): ATARI,
 }
-PEERS = {"cleanrl": "CleanRL", "sb3": "SB3, Zoo"}
+PEERS = {"cleanrl": "CleanRL", "sb3": "SB3"}
 TASKS = list(dict.fromkeys(task for _, task in RECIPES))
 # Those of a minute come first; of the others all systems of a seed come before the next seed.
 SHORT = TASKS[:3]
