@@ -31,6 +31,8 @@ fn main() -> ExitCode {
     whereabouts::name_it_in_panics();
     match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,
+        // The reader of a pipe has gone: as other programs do, a command ends.
+        Err(error) if is_command && error.chain().any(is_unread) => ExitCode::SUCCESS,
         Err(error) => {
             let place = whereabouts::here().map(|here| format!(" ({here})")).unwrap_or_default();
             // A command's reader is a person, a rollout's a log.
@@ -44,6 +46,10 @@ fn main() -> ExitCode {
             if is_wrong { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }
+}
+
+fn is_unread(cause: &(dyn std::error::Error + 'static)) -> bool {
+    cause.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
 fn run(arguments: Arguments) -> Result<()> {

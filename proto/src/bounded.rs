@@ -24,8 +24,8 @@ pub(crate) const ENTRIES_MOST: usize = 100_000;
 /// Opens an ordinary file for reading. Links are followed: the user named the file, and nothing is written to it.
 pub fn open(path: &Path) -> Result<File> {
     let ordinary = |metadata: Metadata| {
-        let refused = || Error::new(ErrorKind::InvalidInput, "it is not an ordinary file");
-        if metadata.is_file() { Ok(metadata) } else { Err(refused()) }
+        let what = if metadata.is_dir() { "it is a folder" } else { "it is not an ordinary file" };
+        if metadata.is_file() { Ok(metadata) } else { Err(Error::new(ErrorKind::InvalidInput, what)) }
     };
     // Before it is opened, since to open a device can do something; and after, since it can be another one by then.
     // Without O_NONBLOCK the opening of a pipe waits for its other end.
@@ -114,7 +114,7 @@ mod tests {
         for (path, problem) in [
             (at("pipe"), "not an ordinary file"),
             ("/dev/zero".into(), "not an ordinary file"),
-            (folder.path().to_path_buf(), "not an ordinary file"),
+            (folder.path().to_path_buf(), "it is a folder"),
             (at("long"), "more than the 4194304 bytes"),
         ] {
             let found = message(read_text(&path).unwrap_err());

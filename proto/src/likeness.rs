@@ -26,6 +26,12 @@ pub fn suggestion(nearest: Option<&str>) -> String {
     nearest.map_or_else(String::new, |nearest| format!(" (did you mean `{nearest}`?)"))
 }
 
+/// The same, and all names that there are, which `what` calls them.
+pub fn among<'a>(word: &str, what: &str, names: impl Iterator<Item = &'a str>) -> String {
+    let all: Vec<&str> = names.collect();
+    format!("{}; {what}: {}", suggestion(nearest(word, all.iter().copied()).as_deref()), all.join(", "))
+}
+
 #[cfg(test)]
 mod tests {
     use super::nearest;

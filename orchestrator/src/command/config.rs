@@ -1,7 +1,8 @@
 use super::overrides::{Overrides, default_preset};
 use crate::output::terminal;
 use crate::preflight::programs::Tools;
-use crate::wrong::demand;
+use crate::run::identity::perhaps;
+use crate::wrong::{demand, reject};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
@@ -39,6 +40,7 @@ pub struct ConfigArgs {
 
 pub fn run(args: &ConfigArgs) -> Result<()> {
     let config = match &args.of {
+        Some(run) if !run.exists() => reject!("{} does not exist{}", run.display(), perhaps(run)),
         Some(run) => Config::saved_under(&RunFolder::new(run)).with_context(|| {
             format!("{} has no checkpoint that holds a configuration which this version reads", run.display())
         })?,

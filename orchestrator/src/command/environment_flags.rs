@@ -2,7 +2,7 @@ use super::overrides::Overrides;
 use crate::environment::consent;
 use crate::environment::describe::{Answer, demand_build, describe};
 use crate::preflight::programs::on_path;
-use crate::wrong::{demand, reject};
+use crate::wrong::{demand, judged, reject};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use proto::bounded;
@@ -46,15 +46,14 @@ impl EnvironmentFlags {
             return Ok(vec![]);
         };
         let mut environment = EnvironmentConfig { command, declaration: String::new() };
-        demand_build(&environment)?;
+        let file = self.env_declaration.as_ref().map_or_else(String::new, |path| path.display().to_string());
         let more = match &self.env_declaration {
-            Some(path) => bounded::read_text(path).with_context(|| format!("cannot read {}", path.display()))?,
+            Some(path) => judged(bounded::read_text(path).with_context(|| format!("cannot read {file}")))?,
             None => String::new(),
         };
-        // What is wrong with it is said below.
-        let declared = more.parse::<toml::Table>().ok().and_then(|table| table.get("channels").cloned());
-        let declared = declared.map(|channels| serde_json::to_string(&channels)).transpose()?.unwrap_or_default();
-        let Answer { description, environments } = describe(&environment, &declared)?;
+        EnvironmentConfig::check_addition(&more, &file)?;
+        demand_build(&environment)?;
+        let Answer { description, environments } = judged(describe(&environment, &more))?;
         if let (Some(size), Some(given)) = (environments, given.environments_per_actor()?) {
             ensure!(
                 size == given,
@@ -62,8 +61,9 @@ impl EnvironmentFlags {
                  --envs-per-actor and actors.environments_per_actor, or say {size}"
             );
         }
-        environment.declaration = description.declaration(&more).context("--env-declaration")?;
-        let task = Spec::kept(&environment.declaration).context("the environment's declaration")?.name.clone();
+        environment.declaration = description.declaration(&more)?;
+        let of = if more.is_empty() { "the environment's declaration" } else { &file };
+        let task = judged(Spec::kept(&environment.declaration).context(of.to_owned()))?.name.clone();
         consent::allow(&environment.command)?;
         let environment = toml::Value::try_from(environment)?;
         let mut settings = vec![Setting::new("task", task.into())?, Setting::new("environment", environment)?];
@@ -96,7 +96,7 @@ impl EnvironmentFlags {
             command.extend(["--path".to_owned(), absolute(Path::new("."))?]);
         }
         if let Some(kwargs) = &self.env_kwargs {
-            let table: serde_json::Value = serde_json::from_str(kwargs).context("--env-kwargs is no JSON")?;
+            let table: serde_json::Value = judged(serde_json::from_str(kwargs).context("--env-kwargs is no JSON"))?;
             demand!(table.is_object(), "--env-kwargs is {table}, not an object such as {{\"size\": 5}}");
             command.extend(["--kwargs".to_owned(), table.to_string()]);
         }

@@ -1,4 +1,5 @@
 use super::player::ShownArgs;
+use crate::environment;
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Found, Provenance, Source, find};
@@ -15,7 +16,8 @@ use anyhow::{Result, ensure};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{
-    Distribution, EPISODES_OF_SET, EvaluationConfig, ObjectSet, Plan, SEEDED_EPISODES_MOST, has_targets,
+    Distribution, EPISODES_OF_SET, EvaluationConfig, ObjectSet, Plan, SEEDED_EPISODES, SEEDED_EPISODES_MOST,
+    has_targets,
 };
 use proto::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use proto::run_folder::RunFolder;
@@ -178,6 +180,11 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
         // Elsewhere than in its own scenes.
         run.scenes.clear();
     }
+    // A validation's run has tried it.
+    if args.beside.is_none() {
+        let named = provenance.run.as_ref().map(Path::new).or(args.subject.as_deref());
+        environment::attempt(&run, named.unwrap_or(Path::new("it")))?;
+    }
     let asked = asked(args, &run, scenes::targets(&run)?, checkpoint)?;
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
     let mut config = configuration(run, &asked, args, cores)?;
@@ -270,7 +277,7 @@ fn asked(
     checkpoint: Option<String>,
 ) -> Result<EvaluationConfig> {
     let (in_scenes, elsewhere) = (!run.scenes.is_empty(), run.environment.is_some());
-    let episodes = args.episodes.unwrap_or(0);
+    let episodes = args.episodes.unwrap_or(if elsewhere { SEEDED_EPISODES } else { 0 });
     demand!(
         elsewhere || episodes <= EPISODES_OF_SET,
         "--episodes {episodes}: a kitchen has {EPISODES_OF_SET} episodes of each object set"

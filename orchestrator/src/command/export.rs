@@ -136,8 +136,8 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
         free(&page)?;
         let model = export::onnx(&policy)?;
         let name = out.file_name().unwrap_or_default().to_string_lossy();
-        write(&page, export::guide(&policy, &name).as_bytes())?;
         write(out, &model)?;
+        write(&page, export::guide(&policy, &name).as_bytes())?;
     }
     let size = std::fs::metadata(out).map_or(0, |file| file.len());
     terminal::out(&format!(

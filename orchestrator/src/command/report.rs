@@ -2,7 +2,7 @@ use crate::output::format::counted;
 use crate::output::terminal;
 use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, write};
 use crate::report_builder::gather::gather;
-use crate::wrong::demand;
+use crate::wrong::{demand, judged};
 use anyhow::Result;
 use report::Options;
 use std::path::{Path, PathBuf};
@@ -44,7 +44,7 @@ pub struct ReportArgs {
 
 pub fn run(args: &ReportArgs) -> Result<()> {
     if let (Some(table), []) = (&args.table, args.runs.as_slice()) {
-        terminal::out(read_table(table)?.markdown()?.trim_end());
+        terminal::out(judged(read_table(table))?.markdown()?.trim_end());
         return Ok(());
     }
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.runs));

@@ -1,3 +1,4 @@
+use crate::environment;
 use crate::output::events;
 use crate::output::format::{self, counted};
 use crate::output::terminal;
@@ -18,6 +19,7 @@ use crate::training::next_steps;
 use crate::training::run::{Started, TrainingRun, write_config};
 use crate::training::summary::{Missing, Summary};
 use crate::training::validation::Validation;
+use crate::wrong::judged;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -101,13 +103,14 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     }
     let mut config = Config::of_run(&folder)?;
     config.check_task(&folder)?;
+    environment::attempt(&config, folder.root())?;
     let tools = Tools::find()?;
     let patience = Deadlines::of(&config).silence;
     settle(&folder, &identity, config.learner.count.max(args.learners.unwrap_or(0)), patience)?;
     // Only now nobody trains any more.
     let trained = frames_of_checkpoint(&folder)?;
     let reshaped = reshape(&mut config, &mut identity, [args.actors, args.learners])?;
-    let budget = args.frames.map(|frames| Budget::of(&config, trained, frames)).transpose()?;
+    let budget = args.frames.map(|frames| judged(Budget::of(&config, trained, frames))).transpose()?;
     let budget = budget.filter(|budget| !budget.is_old());
     if let (None, Some(summary)) = (&budget, &summary) {
         if reshaped {

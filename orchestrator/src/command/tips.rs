@@ -185,7 +185,9 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
             let (key, value) = setting.split_once('=')?;
             let last = key.trim().rsplit('.').next()?;
-            ours("up", last).or_else(|| key_of(key.trim(), value))
+            // A value that is wrong is no key of another program.
+            let is_unknown = matches!(setting.parse::<Setting>(), Err(SettingError::UnknownKey { .. }));
+            is_unknown.then(|| ours("up", last)).flatten().or_else(|| key_of(key.trim(), value))
         }),
         _ => None,
     };

@@ -17,10 +17,10 @@ use crate::supervisor::process::{TOKEN, TOKEN_FILE};
 use crate::training::next_steps;
 use crate::training::run::TrainingRun;
 use crate::training::summary::Summary;
-use crate::wrong::{judged, reject};
-use anyhow::{Context, Result, bail};
+use crate::wrong::{demand, judged, reject, wrong};
+use anyhow::{Context, Result, anyhow, bail};
 use proto::checkpoint::Manifest;
-use proto::config::{Config, FromConfig};
+use proto::config::{Config, ConfigError, FromConfig};
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
 use proto::stage::total_frames;
@@ -73,6 +73,9 @@ pub struct UpArgs {
     hosts: HostFlags,
 }
 
+/// The preset of environments of the user's.
+const OF_ENVIRONMENTS: &str = "gym";
+
 pub fn run(args: &UpArgs) -> Result<ExitCode> {
     if args.json {
         events::begin();
@@ -98,14 +101,26 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     let mut found = None;
     let default = || {
         if args.environment.is_named() {
-            return Ok("gym");
+            return Ok(OF_ENVIRONMENTS);
         }
         Ok(default_preset(&found.insert(Tools::find()?).torch))
     };
     let preset = args.overrides.preset(args.preset.as_deref(), default)?;
     let mut overrides = args.overrides.clone();
     overrides.set.extend(args.environment.settings(&args.overrides)?);
-    let mut config = args.hosts.resolve(&overrides, &preset, member.as_ref())?;
+    let resolved = args.hosts.resolve(&overrides, &preset, member.as_ref());
+    let mut config = resolved.map_err(|error| match error.downcast_ref() {
+        Some(ConfigError::OutOfRange { key: "network.goal" | "auxiliary.task", .. })
+            if args.environment.is_named() && preset != OF_ENVIRONMENTS =>
+        {
+            wrong(anyhow!("preset {preset} is for the kitchens; leave --preset out ({OF_ENVIRONMENTS})"))
+        }
+        _ => error,
+    })?;
+    demand!(
+        preset != OF_ENVIRONMENTS || config.task != Config::default().task,
+        "preset {preset} needs `--env gymnasium:ID`, or a task of your own: its constants are not for kitchens"
+    );
     check_hosts(&config, member.as_ref())?;
     let started = args.hosts.started(member.as_ref())?;
     if let Some(folder) = begun {

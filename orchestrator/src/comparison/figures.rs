@@ -46,11 +46,14 @@ impl List {
     fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
         for metric in task.shown() {
             let value = metric.mean(figures);
-            let unit = if metric.unit.is_empty() { String::new() } else { format!(" ({})", metric.unit) };
             let shown = if metric.is_share() { format::percent(value) } else { format::number(value, 3) };
-            self.put(format!("{of}: {}{unit}", metric.label), json!(value), shown);
+            self.put(format!("{of}: {}", with_unit(&metric.label, &metric.unit)), json!(value), shown);
         }
     }
+}
+
+fn with_unit(label: &str, unit: &str) -> String {
+    if unit.is_empty() { label.to_owned() } else { format!("{label} ({unit})") }
 }
 
 pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Vec<Figure>> {
@@ -134,7 +137,7 @@ fn evaluations(list: &mut List, folder: &RunFolder) {
         list.count(name("trained frames"), subject.frames);
         for one in described.iter().filter(|one| !one.label.is_empty()) {
             let figure = overall.get(&one.name);
-            list.put(name(&one.label), json!(figure), shown(one, figure));
+            list.put(name(&with_unit(&one.label, &one.unit)), json!(figure), shown(one, figure));
         }
     }
 }

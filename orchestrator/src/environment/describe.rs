@@ -23,9 +23,11 @@ pub struct Answer {
     pub environments: Option<u32>,
 }
 
-pub fn describe(environment: &EnvironmentConfig, declared: &str) -> Result<Answer> {
+/// Tries the environment, and asks it what it is. `declaration`: TOML that has channels.
+pub fn describe(environment: &EnvironmentConfig, declaration: &str) -> Result<Answer> {
     let mut words = vec!["--describe"];
-    words.extend((!declared.is_empty()).then_some(["--declared", declared]).into_iter().flatten());
+    let declared = declaration.parse::<toml::Table>()?.get("channels").map(serde_json::to_string).transpose()?;
+    words.extend(declared.iter().flat_map(|declared| ["--declared", declared]));
     let (answer, errors) = ask(environment, &words)?;
     let command = shown(&environment.command);
     read(&answer)

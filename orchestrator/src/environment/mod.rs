@@ -3,7 +3,7 @@
 pub mod consent;
 pub mod describe;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use proto::actor_notes::Noted;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -14,6 +14,15 @@ use std::path::Path;
 pub fn demand(config: &Config, folder: &Path) -> Result<()> {
     consent::demand(config, folder)?;
     config.environment.as_ref().map_or(Ok(()), describe::demand_build)
+}
+
+/// The same before anything is made for a run, and tries the environment: without it actors would be started again and
+/// again.
+pub fn attempt(config: &Config, folder: &Path) -> Result<()> {
+    demand(config, folder)?;
+    let Some(environment) = &config.environment else { return Ok(()) };
+    let tried = describe::describe(environment, &environment.declaration);
+    tried.map(drop).with_context(|| format!("the environment of {} cannot be started", folder.display()))
 }
 
 /// A sentence for each actor of a run whose memory grows without an end in sight, by the actor's name.

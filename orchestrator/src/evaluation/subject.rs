@@ -13,6 +13,7 @@ use export::Policy;
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::shell::quoted;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -95,7 +96,11 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
         differences.push(format!("normalize.observations is {ours}, there {theirs}"));
     }
     if theirs.auxiliary.task != ours.auxiliary.task {
-        differences.push(format!("auxiliary.task is {:?}, there {:?}", ours.auxiliary.task, theirs.auxiliary.task));
+        differences.push(format!(
+            "auxiliary.task is {}, there {}",
+            json!(ours.auxiliary.task),
+            json!(theirs.auxiliary.task)
+        ));
     }
     Ok(differences)
 }
@@ -131,7 +136,11 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     let manifest = if path.is_dir() {
         let checkpoints = path.join("checkpoints");
         let place = if checkpoints.is_dir() { checkpoints.as_path() } else { path };
-        let (manifest, damaged) = newest_whole(&named, place)?;
+        let found = newest_whole(&named, place);
+        if let (Err(error), false) = (&found, checkpoints.is_dir()) {
+            reject!("{error:#}: {}", advice(path));
+        }
+        let (manifest, damaged) = found?;
         for error in damaged {
             tracing::warn!("{error:#}: {} is taken", manifest.display());
         }
@@ -154,6 +163,16 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     };
     let config = Config::of_run(&RunFolder::new(run))?;
     Ok(Found { run: run.to_path_buf(), named, manifest, config })
+}
+
+/// What to name instead of a folder that is no run.
+fn advice(folder: &Path) -> String {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let policy = files.filter(|path| path.extension().is_some_and(|kind| kind == "safetensors")).min();
+    let policy = policy.map(|path| format!("name the policy file {}", path.display()));
+    policy.unwrap_or_else(|| {
+        "give the folder of a run, one of its checkpoints, or a policy file (.safetensors)".to_owned()
+    })
 }
 
 #[cfg(test)]

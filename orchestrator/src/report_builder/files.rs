@@ -4,7 +4,8 @@ use crate::output::format::{self, counted};
 use crate::report_builder::gather::Gathered;
 use crate::report_builder::strips::strips;
 use crate::run::identity::unix_now;
-use anyhow::{Context, Result, bail};
+use crate::wrong::{demand, reject};
+use anyhow::{Context, Result, anyhow};
 use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::write_atomically;
@@ -31,6 +32,9 @@ pub fn check_free(out: &Path) -> Result<()> {
     let mut names = Vec::new();
     match std::fs::read_dir(out) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
+            reject!("{} is a file: choose a folder with --out", out.display())
+        }
         entries => {
             for entry in entries.with_context(|| format!("report folder {}", out.display()))? {
                 names.push(entry?.file_name().to_string_lossy().into_owned());
@@ -39,9 +43,11 @@ pub fn check_free(out: &Path) -> Result<()> {
     }
     let has = |name: &str| names.iter().any(|found| found == name);
     let killed = || BEGUN[..2].iter().any(|name| has(name)) && names.iter().all(|name| BEGUN.contains(&name.as_str()));
-    if !(names.is_empty() || has(PAGE) || killed()) {
-        bail!("{} is not empty, and what it holds is no report: choose another folder with --out", out.display());
-    }
+    demand!(
+        names.is_empty() || has(PAGE) || killed(),
+        "{} is not empty, and what it holds is no report: choose another folder with --out",
+        out.display()
+    );
     Ok(())
 }
 
@@ -114,7 +120,9 @@ fn table(report: &Report) -> String {
 /// The scores of the paper's tables over many reports.
 pub fn read_table(path: &Path) -> Result<Kept> {
     let text = bounded::read_text(path).with_context(|| path.display().to_string())?;
-    serde_json::from_str(&text).with_context(|| format!("{} keeps no table", path.display()))
+    let other =
+        || format!("{} keeps no table: name a file that `orchestrator report RUN --table FILE` wrote", path.display());
+    serde_json::from_str(&text).map_err(|_| anyhow!(other()))
 }
 
 pub fn add_to_table(path: &Path, tables: &[Comparison]) -> Result<Kept> {

@@ -3,6 +3,7 @@ use super::lock::{LockState, RunLock, holder};
 use super::scenes;
 use super::unfinished::{clear, is_cut_off};
 use crate::preflight::temporary;
+use crate::wrong::reject;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
@@ -16,6 +17,9 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
     let root = folder.root().display();
     match std::fs::read_dir(folder.root()) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
+            reject!("{root} is a file, or below one: choose another folder")
+        }
         Err(error) => return Err(error).with_context(|| format!("run folder {root}")),
         Ok(mut entries) => {
             if entries.next().is_none() {
@@ -34,13 +38,16 @@ pub fn check_free(folder: &RunFolder) -> Result<()> {
         return Ok(());
     }
     if folder.identity().exists() && is_evaluation(folder) {
-        bail!("folder {root} is already in use: it holds an evaluation");
+        reject!("folder {root} is already in use: it holds an evaluation; choose another folder");
     }
     if folder.identity().exists() {
         let run = quoted(folder.root());
-        bail!("run folder {root} is already in use: it holds a run, and `orchestrator resume {run}` goes on with it");
+        reject!(
+            "run folder {root} is already in use: it holds a run, and `orchestrator resume {run}` goes on with it; for \
+             another run choose another folder"
+        );
     }
-    bail!("run folder {root} is not empty, and it is no run: choose another folder")
+    reject!("run folder {root} is not empty, and it is no run: choose another folder")
 }
 
 const NAMESAKES_MOST: u32 = 10_000;

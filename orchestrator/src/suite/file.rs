@@ -187,7 +187,6 @@ fn in_words(text: &str, error: &toml::de::Error) -> anyhow::Error {
         nearest(names.next()?, names)
     });
     let problem = in_plain_words(error.message()).replacen("unknown field", "unknown key", 1);
-    let problem = problem.replacen("missing field", "missing key", 1);
     let number = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
     let line = text.lines().nth(number).unwrap_or_default().trim();
     anyhow::anyhow!("line {}, `{line}`: {problem}{}", number + 1, suggestion(meant.as_deref()))
@@ -248,7 +247,11 @@ impl Planned {
         }
         config.validate()?;
         let entry = |&seed: &u64| {
-            let from = self.from.as_ref().map(|from| source(&format!("{from}-{seed}"), &config, before)).transpose()?;
+            let from = self.from.as_ref().map(|from| {
+                let found = source(&format!("{from}-{seed}"), &config, before);
+                found.with_context(|| format!("from = \"{from}\""))
+            });
+            let from = from.transpose()?;
             Ok(SuiteEntry {
                 name: format!("{name}-{seed}"),
                 preset: self.preset.clone(),
@@ -314,9 +317,9 @@ fn leaves(table: &Table) -> Vec<(String, Table)> {
 
 fn source(name: &str, config: &Config, before: &[SuiteEntry]) -> Result<usize> {
     let found = before.iter().position(|entry| entry.name == name);
-    let found = found.with_context(|| format!("from: no run further up in the file is called {name}"))?;
+    let found = found.with_context(|| format!("no run further up in the file is called {name}"))?;
     let differences = network_differences(&before[found].config, config)?;
-    ensure!(differences.is_empty(), "from: {name} trains another network: {}", differences.join("; "));
+    ensure!(differences.is_empty(), "{name} trains another network: {}", differences.join("; "));
     Ok(found)
 }
 

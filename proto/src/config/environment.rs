@@ -1,3 +1,5 @@
+use super::error::{ConfigError, parse};
+use crate::task::Declaration;
 use serde::{Deserialize, Serialize};
 use std::process::Command;
 
@@ -12,6 +14,11 @@ pub struct EnvironmentConfig {
 }
 
 impl EnvironmentConfig {
+    /// Refuses a text that adds to an environment's description, by its own lines. `origin` names it.
+    pub fn check_addition(text: &str, origin: &str) -> Result<(), ConfigError> {
+        parse::<Declaration>(text, origin).map(drop)
+    }
+
     /// The program with its arguments, to which others can be added. The configuration was validated: there is a program.
     pub fn program(&self) -> Command {
         let mut command = Command::new(self.command.first().map_or("", String::as_str));

@@ -31,8 +31,8 @@ pub enum ConfigError {
         value: String,
         problem: &'static str,
     },
-    #[error("there is no task `{name}`{}", suggestion(.nearest.as_deref()))]
-    UnknownTask { name: String, nearest: Option<String> },
+    #[error("there is no task `{name}`{known}")]
+    UnknownTask { name: String, known: String },
     #[error(
         "{path}: the run's task `{name}` is declared otherwise than in these programs: go on with the version that began \
          it (`run.toml` names it)", path = .path.display()
@@ -52,7 +52,11 @@ pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigE
                 let nearest = nearest(&key, valid.iter().map(String::as_str));
                 ConfigError::UnknownKey { origin, line, key, nearest }
             }
-            None => ConfigError::Invalid { origin, line, problem: in_plain_words(error.message()) },
+            None => {
+                let is_other = [".yaml", ".yml", ".json"].iter().any(|end| origin.ends_with(end));
+                let remark = if is_other { ": it must be TOML" } else { "" };
+                ConfigError::Invalid { origin, line, problem: in_plain_words(error.message()) + remark }
+            }
         }
     })
 }
@@ -61,7 +65,12 @@ pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigE
 pub fn in_plain_words(message: &str) -> String {
     let wrong = message.strip_prefix("invalid type: ").or_else(|| message.strip_prefix("invalid value: "));
     let Some((found, expected)) = wrong.and_then(|wrong| wrong.split_once(", expected ")) else {
-        return message.replacen("unknown variant ", "unknown value ", 1);
+        if let Some(rest) = message.strip_prefix("unknown variant `") {
+            let mut names = rest.split('`').step_by(2);
+            let meant = nearest(names.next().unwrap_or_default(), names);
+            return format!("unknown value `{rest}{}", suggestion(meant.as_deref()));
+        }
+        return message.replacen("missing field ", "missing key ", 1);
     };
     let expected = match expected {
         "f32" | "f64" => "a number",

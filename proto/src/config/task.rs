@@ -2,7 +2,7 @@
 
 use super::validate::check;
 use super::{AuxiliaryTask, Config, ConfigError, EnvironmentConfig, GoalCoordinates};
-use crate::likeness::nearest;
+use crate::likeness::among;
 use crate::run_folder::RunFolder;
 use crate::task::{ActionHead, Composition, Condition, MULTIPLIER, NEGATIVE_MULTIPLIER, Spec, SpecError};
 
@@ -48,7 +48,7 @@ impl Config {
         }
         Spec::named(&self.task).ok_or_else(|| ConfigError::UnknownTask {
             name: self.task.clone(),
-            nearest: nearest(&self.task, Spec::built_in().iter().map(|task| task.name.as_str())),
+            known: among(&self.task, "tasks", Spec::built_in().iter().map(|task| task.name.as_str())),
         })
     }
 

@@ -36,6 +36,6 @@ pub enum SpecError {
     Input { task: String, what: String },
     #[error("the environment has {now}, but the run was begun with {then}: serve the environment that began it")]
     OtherSpaces { now: String, then: String },
-    #[error("task `{task}` has no reward `{name}`, and neither has the configuration")]
-    UnknownReward { name: String, task: String },
+    #[error("task `{task}` has no reward `{name}`, and neither has the configuration{known}")]
+    UnknownReward { name: String, task: String, known: String },
 }

@@ -40,7 +40,7 @@ pub use inputs::Inputs;
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over};
 pub use outcome::UNFINISHED;
-pub use read::is_reserved;
+pub use read::{Declaration, is_reserved};
 pub use restore::Restore;
 pub use reward::{Composition, Condition, Cost, Label, MULTIPLIER, NEGATIVE_MULTIPLIER, Reward, Term, Weight};
 pub use space::ActionSpace;

@@ -25,17 +25,18 @@ const DECLARED_MOST: usize = 1000;
 /// The most rewards of a task and a configuration together. A chain of bases has no more links.
 const REWARDS_MOST: usize = 100;
 
-#[derive(Deserialize)]
+/// A declaration as it is written, or what adds to one ([`super::Description`]).
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Declaration {
-    name: String,
+pub struct Declaration {
+    name: Option<String>,
     headline: Option<String>,
     #[serde(default)]
     formerly: Vec<String>,
     #[serde(default)]
     weights: BTreeMap<String, f32>,
-    actions: Actions,
-    channels: Vec<Channel>,
+    actions: Option<Actions>,
+    channels: Option<Vec<Channel>>,
     #[serde(default)]
     restore: Restore,
     #[serde(default)]
@@ -125,6 +126,9 @@ impl Spec {
             curves,
             shown,
         } = declaration;
+        let (Some(name), Some(actions), Some(channels)) = (name, actions, channels) else {
+            return Err(SpecError::Toml("a task has a `name`, `actions` and `channels`".to_owned()));
+        };
         let counts = [("channels", channels.len()), ("metrics", metrics.len()), ("figures", figures.len())];
         for (what, count) in counts.into_iter().chain([("curves", curves.len()), ("names in `shown`", shown.len())]) {
             at_most(what, count, DECLARED_MOST)?;

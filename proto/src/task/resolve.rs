@@ -5,6 +5,7 @@ use super::error::SpecError;
 use super::metric::{Bound, Clause, Kind, Limit, Measure, Metric, Over, Test};
 use super::reward::{Composition, Condition, Factor, MULTIPLIER, NEGATIVE_MULTIPLIER, Reward, Scale, Term, Weight};
 use super::spec::Spec;
+use crate::likeness::among;
 use std::collections::BTreeMap;
 
 impl Spec {
@@ -25,9 +26,12 @@ impl Spec {
         weights: &BTreeMap<String, f32>,
         depth: usize,
     ) -> Result<Composition, SpecError> {
-        let unknown = || SpecError::UnknownReward { name: name.to_owned(), task: self.name.clone() };
-        let mut found = own.iter().chain(&self.rewards).filter(|reward| reward.name == name);
-        let reward = found.next().ok_or_else(unknown)?;
+        let all = || own.iter().chain(&self.rewards);
+        let unknown = || {
+            let known = among(name, "rewards", all().map(|reward| &*reward.name));
+            SpecError::UnknownReward { name: name.to_owned(), task: self.name.clone(), known }
+        };
+        let reward = all().find(|reward| reward.name == name).ok_or_else(unknown)?;
         let wrong = |problem: String| SpecError::Reward { name: name.to_owned(), problem };
         if depth > own.len() + self.rewards.len() {
             return Err(wrong("its base is itself".to_owned()));
@@ -82,9 +86,8 @@ impl Spec {
     pub(super) fn part(&self, name: &str) -> Result<usize, String> {
         let is_part = |channel: &Channel| channel.role == Role::Part;
         let known = || {
-            let parts = self.channels.iter().filter(|channel| is_part(channel));
-            let names: Vec<_> = parts.map(|channel| channel.name.as_str()).collect();
-            format!("there is no part `{name}`; this task has {}", names.join(", "))
+            let parts = self.channels.iter().filter(|channel| is_part(channel)).map(|channel| &*channel.name);
+            format!("there is no part `{name}`{}", among(name, "parts of this task", parts))
         };
         self.channels.iter().position(|channel| channel.name == name && is_part(channel)).ok_or_else(known)
     }
@@ -123,7 +126,9 @@ impl Spec {
         let scalar = |channel: &Channel| channel.is_of_action() && channel.shape.is_empty();
         let index = |name: &str| {
             let found = self.channels.iter().position(|channel| channel.name == name && scalar(channel));
-            found.ok_or_else(|| wrong(format!("`{name}` is no scalar that an action leads to")))
+            let known = self.channels.iter().filter(|channel| scalar(channel)).map(|channel| &*channel.name);
+            let why = || format!("`{name}` is no scalar that an action leads to{}", among(name, "those are", known));
+            found.ok_or_else(|| wrong(why()))
         };
         if metric.value.is_some() != metric.all_of.is_empty() {
             return Err(wrong("it is either the value of a channel or all of some clauses".to_owned()));

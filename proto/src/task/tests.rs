@@ -310,7 +310,7 @@ fn a_reward_is_its_base_and_its_terms() {
     assert_eq!(refused("name = \"mine\"\nbase = \"mine\""), "reward `mine`: its base is itself");
     assert_eq!(
         refused("name = \"mine\"\nterms = [[\"near\", 1.0]]"),
-        "reward `mine`: there is no part `near`; this task has near_m, pushed_m"
+        "reward `mine`: there is no part `near` (did you mean `near_m`?); parts of this task: near_m, pushed_m"
     );
     assert_eq!(
         refused("name = \"mine\"\nterms = [[\"near_m\", \"prize\"]]"),
@@ -322,7 +322,7 @@ fn a_reward_is_its_base_and_its_terms() {
     );
     assert_eq!(
         reward("best", &[], &[]).unwrap_err().to_string(),
-        "task `small` has no reward `best`, and neither has the configuration"
+        "task `small` has no reward `best`, and neither has the configuration; rewards: r, priced, counted, constrained"
     );
 }
 

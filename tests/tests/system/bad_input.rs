@@ -110,6 +110,22 @@ const TYPED: &[(&str, &str)] = &[
     ("top nowhere", "nowhere does not exist"),
     ("export nowhere --out p.onnx", "nowhere does not exist"),
     ("man ups", "(did you mean `up`?)"),
+    ("up --env-command true --env-declaration mine.toml", "mine.toml:1: missing key `doc`"),
+    ("up --env-command true --env-declaration nowhere.toml", "cannot read nowhere.toml"),
+    ("up --preset gym", "needs `--env gymnasium:ID`, or a task of your own"),
+    ("report --table nowhere.json", "nowhere.json: No such file"),
+    ("report --table policy.json", "policy.json keeps no table: name a file that"),
+    ("report runs/a --out policy.json", "policy.json is a file: choose a folder with --out"),
+    ("eval pool", "name the policy file"),
+    ("up --preset demo --run policy.json", "policy.json is a file, or below one: choose another folder"),
+    ("up --preset demo --run runs/a", "for another run choose another folder"),
+    ("config --of nowhere", "nowhere does not exist"),
+    ("resume runs/a --frames 60", "100"),
+    ("config --set auxiliary.task=disturbance", "(did you mean `disturb`?)"),
+    ("config demo --set task=pick", "tasks: arm_point_nav, point_nav"),
+    ("config --set stages.0.frames=10", "a list is set whole"),
+    ("config demo --config mine.yaml", "it must be TOML"),
+    ("config demo --config pool", "pool: it is a folder"),
     ("view --address 127.0.0.1:8766", "--address 127.0.0.1 --port 8766"),
 ];
 
@@ -123,6 +139,14 @@ fn what_a_newcomer_types() {
         std::fs::write(workshop.path(file), "{}").unwrap();
     }
     std::fs::write(workshop.path("broken.toml"), "ppo.clip = ").unwrap();
+    std::fs::create_dir(workshop.path("pool")).unwrap();
+    for (file, text) in [
+        ("mine.toml", "[[metrics]]\nname = \"fast\"\nover = \"last\"\nvalue = \"reward\"\n"),
+        ("mine.yaml", "seed: 1\n"),
+        ("pool/policy.safetensors", ""),
+    ] {
+        std::fs::write(workshop.path(file), text).unwrap();
+    }
     std::fs::write(workshop.path("no-scene.toml"), "scenes = [\"nowhere/scene.toml\"]").unwrap();
     // No device: where this is broken it would be gone.
     assert!(Command::new("mkfifo").arg(workshop.path("pipe")).status().unwrap().success());
