@@ -340,33 +340,12 @@ fn actions_of<'a>(steps: impl Iterator<Item = &'a Step> + Clone, device: Device)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::to_vec;
 
     fn rollout() -> Rollout {
         // 3 steps of 2 columns, the second of which holds in the last.
         let shape = RolloutShape { steps: 3, environments_in_last_step: 1, frames: 5 };
         let float = (Kind::Float, Device::Cpu);
         Rollout::new(shape, 2, Kept::of_frames(Tensor::zeros([6, 1, 1], float)), Tensor::zeros([2, 4], float))
-    }
-
-    #[test]
-    fn a_held_column_has_one_frame_fewer_and_bootstraps_from_its_last_row() {
-        let mut rollout = rollout();
-        assert!(rollout.is_valid(2, 0) && !rollout.is_valid(2, 1) && rollout.is_valid(1, 1));
-        for t in 0..3 {
-            let steps = [0, 1].map(|n| Step { value: (10 * t + n) as f32, ..Step::default() });
-            let frames = Tensor::from_slice(&[(10 * t) as f32, (10 * t + 1) as f32]).view([2, 1, 1]);
-            rollout.store(t, &[0, 1], &Kept::of_frames(frames), &steps);
-        }
-        assert_eq!(rollout.bootstrap_value(1), 21.0);
-        rollout.set_bootstrap(0, 5.0);
-        assert_eq!(rollout.bootstrap_value(0), 5.0);
-
-        let packing = rollout.packing(0..2);
-        assert_eq!(packing.rows.len() as u64, rollout.shape().frames);
-        let frames = to_vec(&rollout.observations(&packing).kept.frames);
-        let expected: Vec<f32> = packing.rows.iter().map(|&(t, n)| (10 * t + n) as f32).collect();
-        assert_eq!(frames, expected);
     }
 
     #[test]

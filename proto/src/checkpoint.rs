@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// Everything that the last bits of a result depend on. A run can resume under another environment, but not bit for
 /// bit.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Machine {
     pub torch: String,
@@ -78,7 +78,7 @@ fn is_older_sign(sign: &CarriedGoal) -> bool {
 }
 
 /// The manifest. Written after the tensors: a checkpoint without one does not exist.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     /// [`crate::SCHEMA_VERSION`] of the writer.
@@ -229,14 +229,7 @@ mod tests {
 
     #[test]
     fn with_shards_the_number_of_learners_makes_no_difference() {
-        let machine = |learners, shards| Machine {
-            torch: "2.11.0".into(),
-            device: "cpu".into(),
-            threads: 1,
-            arithmetic: "reproducible".into(),
-            learners,
-            shards,
-        };
+        let machine = |learners, shards| Machine { learners, shards, ..Machine::default() };
         assert_eq!(machine(1, 4).differences(&machine(4, 4)), [""; 0]);
         assert_eq!(machine(1, 0).differences(&machine(4, 0)), ["learners 1 instead of 4"]);
         assert_eq!(machine(2, 4).differences(&machine(2, 0)), ["shards 4 instead of 0"]);

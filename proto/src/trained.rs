@@ -13,7 +13,7 @@ use std::io::BufRead;
 use std::ops::RangeInclusive;
 
 /// One line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Trained {
     pub rollout: u64,
     /// Frames trained on, this rollout included.
@@ -187,12 +187,10 @@ mod tests {
         Trained {
             rollout,
             frames: (rollout + 1) * 10,
-            stage: 0,
             at_unix_s: mark,
             incarnation: 1,
-            wall_s: None,
-            timing: Timing::default(),
             metrics: BTreeMap::from([("a".to_owned(), 0.1 + 0.2 + rollout as f64 / 3.0)]).into(),
+            ..Trained::default()
         }
     }
 

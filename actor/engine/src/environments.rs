@@ -414,24 +414,12 @@ mod tests {
 
     const TASK: &str = r#"
 name = "counts"
-[actions]
-kind = "discrete"
-names = ["go", "end"]
-[[channels]]
-name = "gain"
-role = "part"
-dtype = "f32"
-range = [0, 1]
-doc = ""
-[[channels]]
-name = "count"
-role = "observation"
-dtype = "u32"
-range = [0, 99]
-doc = "Ten times the episode, and the steps in it."
-[[rewards]]
-name = "r"
-terms = [["gain", 1.0]]
+actions = { kind = "discrete", names = ["go", "end"] }
+channels = [
+    { name = "gain", role = "part", dtype = "f32", range = [0, 1], doc = "" },
+    { name = "count", role = "observation", dtype = "u32", range = [0, 99], doc = "Ten times the episode, and its steps." },
+]
+rewards = [{ name = "r", terms = [["gain", 1.0]] }]
 "#;
 
     /// Each episode is truncated after three steps, if no action ends it before.

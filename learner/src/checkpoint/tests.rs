@@ -46,12 +46,10 @@ fn figures(rollout: u64) -> History {
         figures.insert(Trained {
             rollout,
             frames,
-            stage: 0,
             at_unix_s: 5,
-            incarnation: 1,
-            wall_s: None,
             timing,
             metrics: metrics.into(),
+            ..Trained::default()
         });
     }
     figures

@@ -94,40 +94,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn polar_goals_of_known_directions() {
-        let close = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
-        let polar = |goal| goal_coordinates(GoalCoordinates::Polar, goal);
-        assert!(close(polar([2.0, 0.0, 0.0]), [2.0, 0.0, 0.0]));
-        assert!(close(polar([-1.0, 0.0, 0.0]), [1.0, 0.0, 1.0]));
-        assert!(close(polar([0.0, 1.0, 0.0]), [1.0, 0.0, 0.5]));
-        assert!(close(polar([0.0, 0.0, 3.0]), [3.0, 1.0, 0.0]));
-        assert!(close(polar([1.0, -1.0, -(2f32.sqrt())]), [2.0, -0.5, -0.25]));
-        assert_eq!(polar([0.0; 3]), [0.0; 3]);
-        assert_eq!(goal_coordinates(GoalCoordinates::Cartesian, [-1.0, 2.0, -3.0]), [1.0, 2.0, 3.0]);
-    }
-
-    /// A kitchen seen from above, and the textbook's spherical coordinates: nothing of it is the code's own way.
-    #[test]
-    fn a_vector_and_its_opposite_are_seen_apart() {
-        // The object stands 1 m to the right of the goal, 0.2 m above it and 2 m nearer.
-        let (from_goal, to_goal) = ([1.0, 0.2, -2.0], [-1.0, -0.2, 2.0]);
-        let seen = |vector| goal_coordinates(GoalCoordinates::Polar, vector).map(f64::from);
-        let close = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
-        let distance = 5.04f64.sqrt();
-        // z over the distance is the sine of the elevation; the tangent of the azimuth is y over x, here ±0.2: object −
-        // goal = (1, 0.2, -2) lies in the first quadrant of (x, y), goal − object in the third.
-        let elevation = (2.0 / distance).asin() / FRAC_PI_2;
-        let azimuth = 0.2f64.atan() / PI;
-        let expected = [distance, -elevation, azimuth];
-        assert!(close(seen(from_goal), expected), "{expected:?}");
-        let expected = [distance, elevation, azimuth - 1.0];
-        assert!(close(seen(to_goal), expected), "{expected:?}");
-        for vector in [from_goal, to_goal] {
-            assert_eq!(goal_coordinates(GoalCoordinates::Cartesian, vector), [1.0, 0.2, 2.0], "no sign is seen");
-        }
-    }
-
-    #[test]
     fn previous_actions_have_rows_of_their_own() {
         let [large, small]: [Vec<u8>; 2] = [(0..21).collect(), vec![0, 1, 16, 20]];
         assert_eq!(

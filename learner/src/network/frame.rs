@@ -243,14 +243,4 @@ mod tests {
         let mixed = [DepthFrame::Sums(&sums[0]), DepthFrame::Whole(&frames[1])];
         assert_eq!(staging.gather(&mixed, Device::Cpu), mixed);
     }
-
-    #[test]
-    fn depth_is_normalised_in_metres() {
-        let mut raw = frame(1);
-        raw[0] = 750;
-        raw[1] = 0;
-        let preparation = FramePreparation::new(1, Device::Cpu);
-        let input = to_vec(&preparation.input(&preparation.keep(&[DepthFrame::Whole(&raw)], &mut Staging::default())));
-        assert!((input[0] - 1.0).abs() < 1e-6 && (input[1] + 2.0).abs() < 1e-6);
-    }
 }

@@ -246,15 +246,6 @@ mod tests {
     }
 
     #[test]
-    fn leaves_are_views_of_the_flat_buffer() {
-        let (parameters, a, b) = two();
-        let _ = tch::no_grad(|| parameters.flat().fill_(3.0));
-        assert_eq!(to_vec(&parameters[a]), vec![3.0; 6]);
-        let loss = (&parameters[a] * 2.0).sum(Kind::Float) + (&parameters[b] * 5.0).sum(Kind::Float);
-        assert_eq!(to_vec(&parameters.gradient_of(&loss)), [vec![2.0; 6], vec![5.0; 4]].concat());
-    }
-
-    #[test]
     fn the_digest_sees_every_bit_of_every_weight() {
         let (parameters, ..) = two();
         let (same, ..) = two();

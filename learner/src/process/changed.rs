@@ -28,40 +28,12 @@ pub fn since(manifest: &Manifest, config: &Config, file: &str) -> Option<String>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proto::checkpoint::Machine;
-    use proto::config::CarriedGoal;
 
     /// Of a checkpoint written under this configuration. `kept`: by a version that keeps its text.
     fn manifest(config: &str, kept: bool) -> Manifest {
-        let machine = Machine {
-            torch: String::new(),
-            device: String::new(),
-            threads: 1,
-            arithmetic: String::new(),
-            learners: 1,
-            shards: 0,
-        };
-        Manifest {
-            schema_version: proto::SCHEMA_VERSION,
-            run: String::new(),
-            rollout: 0,
-            frames: 0,
-            exchange: 0,
-            stage: 0,
-            stage_end: false,
-            adam_steps: 0,
-            multiplier: 0.0,
-            carried_goal: CarriedGoal::ObjectToGoal,
-            tensors: String::new(),
-            tensors_bytes: 0,
-            tensors_sha256: String::new(),
-            figures_sha256: String::new(),
-            config_sha256: sha256(config.as_bytes()),
-            config: if kept { config.to_owned() } else { String::new() },
-            weights: String::new(),
-            machine,
-            manifest_sha256: String::new(),
-        }
+        let config_sha256 = sha256(config.as_bytes());
+        let config = if kept { config.to_owned() } else { String::new() };
+        Manifest { config_sha256, config, ..Manifest::default() }
     }
 
     #[test]

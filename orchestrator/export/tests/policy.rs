@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used)]
 
 use export::{Policy, PolicyError, Precision, guide, onnx, open, save};
-use proto::checkpoint::{Machine, Manifest};
+use proto::checkpoint::Manifest;
 use proto::config::{CarriedGoal, Config, Encoder, GoalCoordinates, Memory};
 use proto::digest::sha256;
 use proto::run_folder::{RolloutName, RunFolder};
@@ -77,28 +77,12 @@ fn write(folder: &Path, tensors: &Tensors) -> PathBuf {
         run: "0123".into(),
         rollout: 12,
         frames: 4000,
-        exchange: 0,
-        stage: 0,
-        stage_end: false,
-        adam_steps: 0,
-        multiplier: 0.0,
         carried_goal: CarriedGoal::ObjectToGoal,
         tensors: RolloutName::Tensors.of(12),
         tensors_bytes: bytes.len() as u64,
         tensors_sha256: sha256(&bytes),
-        figures_sha256: String::new(),
-        config_sha256: String::new(),
-        config: String::new(),
         weights: "abcd".into(),
-        machine: Machine {
-            torch: "2.11.0".into(),
-            device: "cpu".into(),
-            threads: 2,
-            arithmetic: "reproducible".into(),
-            learners: 1,
-            shards: 0,
-        },
-        manifest_sha256: String::new(),
+        ..Manifest::default()
     };
     std::fs::write(folder.join(RolloutName::Tensors.of(12)), bytes).unwrap();
     let path = folder.join(RolloutName::Manifest.of(12));

@@ -253,6 +253,7 @@ fn check_seeds(seeds: &[u64]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::{Args, FromArgMatches};
 
     #[test]
     fn the_example_of_the_help_is_a_sound_file() {
@@ -269,30 +270,15 @@ mod tests {
 
     #[test]
     fn what_goes_on_is_the_same_call() {
-        let args = SuiteArgs {
-            file: "my suites/a.toml".into(),
-            out: Some("runs/all".into()),
-            gpus: vec!["0".to_owned(), "1".to_owned()],
-            seed: vec![3, 4],
-            table: Some("t.json".into()),
-            check: false,
-            json: true,
+        let call = |words: &[&str]| {
+            let command = SuiteArgs::augment_args(clap::Command::new("suite").no_binary_name(true));
+            again(&SuiteArgs::from_arg_matches(&command.get_matches_from(words)).unwrap())
         };
-        let call = again(&args);
-        assert!(
-            call.ends_with(" suite 'my suites/a.toml' --out runs/all --gpus 0,1 --seed 3,4 --table t.json --json"),
-            "{call}"
-        );
-        let bare = SuiteArgs {
-            file: "a.toml".into(),
-            out: None,
-            gpus: vec![],
-            seed: vec![],
-            table: None,
-            check: false,
-            json: false,
-        };
-        assert!(again(&bare).ends_with(" suite a.toml"), "{}", again(&bare));
+        let all =
+            ["my suites/a.toml", "--out", "runs/all", "--gpus", "0,1", "--seed", "3,4", "--table", "t.json", "--json"];
+        let expected = " suite 'my suites/a.toml' --out runs/all --gpus 0,1 --seed 3,4 --table t.json --json";
+        assert!(call(&all).ends_with(expected), "{}", call(&all));
+        assert!(call(&["a.toml"]).ends_with(" suite a.toml"), "{}", call(&["a.toml"]));
     }
 
     #[test]

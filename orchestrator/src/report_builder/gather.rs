@@ -211,11 +211,10 @@ fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::played;
-
+    use crate::evaluation::testing::{conditions, played};
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Conditions, Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
+        Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
     };
     use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
@@ -234,29 +233,11 @@ mod tests {
             preset: config.preset.clone(),
             seed: 3,
             run: run.map(|run| run.display().to_string()),
-            run_id: None,
-            checkpoint: None,
             frames: 9,
             weights: weights.repeat(64),
-            parameters: 1,
+            ..Subject::default()
         };
-        let conditions = Conditions {
-            split,
-            procedural: None,
-            scenes: Vec::new(),
-            objects: ObjectSet::Novel,
-            episodes: 1,
-            distribution: Distribution::Fixed,
-            start_distance_max_m: 0.0,
-            goal_distance_max_m: 0.0,
-            deterministic: false,
-            seed: config.seed,
-            max_steps: config.episode.max_steps,
-            action_space: config.episode.action_space,
-            actors: 5,
-            environments_per_actor: 1,
-            device: "cpu".into(),
-        };
+        let conditions = conditions(&config, split, ObjectSet::Novel);
         let spec = config.spec();
         let result = Evaluation::of(spec, subject, conditions, Cost::default(), &[(record.clone(), vec![20])]);
         std::fs::create_dir_all(folder).unwrap();
@@ -426,17 +407,7 @@ mod tests {
         let mut history = History::default();
         for (rollout, frames) in [(0, 100), (1, 300), (3, 900), (4, 1000)] {
             let timing = Timing { simulate_s: 1.0, infer_s: 0.5, update_s: 2.0, exchange_s: 0.0, other_s: 0.5 };
-            let metrics = BTreeMap::new();
-            history.insert(Trained {
-                rollout,
-                frames,
-                stage: 0,
-                at_unix_s: 0,
-                incarnation: 1,
-                wall_s: None,
-                timing,
-                metrics: metrics.into(),
-            });
+            history.insert(Trained { rollout, frames, incarnation: 1, timing, ..Trained::default() });
         }
         let rollouts = rollouts(&history);
         // The third rollout is missing: how many of the frames until the fourth were its own is unknown.

@@ -83,40 +83,19 @@ fn manifests(folder: &RunFolder, place: &Path) -> Result<Vec<PathBuf>> {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use proto::checkpoint::Machine;
-    use proto::config::CarriedGoal;
     use proto::digest::sha256;
 
     /// The manifest of a checkpoint whose tensors are the text `tensors K`.
     pub fn manifest(rollout: u64, frames: u64) -> Vec<u8> {
-        let machine = Machine {
-            torch: "2.11.0".into(),
-            device: "cpu".into(),
-            threads: 2,
-            arithmetic: "avx2".into(),
-            learners: 1,
-            shards: 0,
-        };
         let manifest = Manifest {
             schema_version: proto::SCHEMA_VERSION,
-            run: String::new(),
             rollout,
             frames,
-            exchange: 0,
-            stage: 0,
-            stage_end: false,
-            adam_steps: 0,
-            multiplier: 0.0,
-            carried_goal: CarriedGoal::GoalToObject,
             tensors: RolloutName::Tensors.of(rollout),
             tensors_bytes: format!("tensors {rollout}").len() as u64,
             tensors_sha256: sha256(format!("tensors {rollout}").as_bytes()),
-            figures_sha256: String::new(),
-            config_sha256: String::new(),
-            config: String::new(),
             weights: "w".into(),
-            machine,
-            manifest_sha256: String::new(),
+            ..Manifest::default()
         };
         manifest.seal()
     }

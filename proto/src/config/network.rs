@@ -95,10 +95,11 @@ pub enum InitialWeights {
 }
 
 /// The goal vector while the target is held. Before that it always leads from the wrist to the object.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CarriedGoal {
     /// From the goal to the object, object − goal: the reference's.
+    #[default]
     GoalToObject,
     /// From the object to the goal, goal − object.
     ObjectToGoal,

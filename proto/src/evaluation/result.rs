@@ -17,7 +17,7 @@ pub const TABLE_FILE: &str = "episodes.csv";
 /// Number of the result file's form. One of an older form has none; the programs of commit 0e4cae3e read it.
 const FORMAT: u32 = 2;
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Subject {
     pub preset: String,
     pub seed: u64,

@@ -119,30 +119,15 @@ mod tests {
         let spec = Spec::parse(&description().declaration("").unwrap()).unwrap();
         assert_eq!((spec.name.as_str(), spec.actions.names().len(), spec.channels.len()), ("cart_pole_v1", 2, 2));
         let more = r#"
-            [[channels]]
-            name = "reward"
-            role = "part"
-            dtype = "f32"
-            range = [0.0, 1.0]
-            doc = "Upright."
-            [[channels]]
-            name = "speed"
-            role = "part"
-            dtype = "f32"
-            range = [0.0, 9.0]
-            doc = "Of info."
-            [[rewards]]
-            name = "slow"
-            base = "r"
-            terms = [["speed", -0.1]]
-            [cost]
-            part = "speed"
-            weight = 1.0
-            [[metrics]]
-            name = "fast"
-            over = "last"
-            all_of = [{ channel = "speed", at_least = 3.0 }]
-            doc = ""
+            channels = [
+                { name = "reward", role = "part", dtype = "f32", range = [0.0, 1.0], doc = "Upright." },
+                { name = "speed", role = "part", dtype = "f32", range = [0.0, 9.0], doc = "Of info." },
+            ]
+            rewards = [{ name = "slow", base = "r", terms = [["speed", -0.1]] }]
+            cost = { part = "speed", weight = 1.0 }
+            metrics = [
+                { name = "fast", over = "last", all_of = [{ channel = "speed", at_least = 3.0 }], doc = "" },
+            ]
         "#;
         let spec = Spec::parse(&description().declaration(more).unwrap()).unwrap();
         let names: Vec<&str> = spec.channels.iter().map(|channel| channel.name.as_str()).collect();

@@ -285,24 +285,12 @@ mod tests {
 
     const TASK: &str = r#"
 name = "films"
-[actions]
-kind = "discrete"
-names = ["go", "stay"]
-[[channels]]
-name = "gain"
-role = "part"
-dtype = "f32"
-range = [0, 1]
-doc = ""
-[[channels]]
-name = "screen"
-role = "observation"
-dtype = "u8"
-shape = [36, 36]
-doc = "As bright as the steps of the episode."
-[[rewards]]
-name = "r"
-terms = [["gain", 1.0]]
+actions = { kind = "discrete", names = ["go", "stay"] }
+channels = [
+    { name = "gain", role = "part", dtype = "f32", range = [0, 1], doc = "" },
+    { name = "screen", role = "observation", dtype = "u8", shape = [36, 36], doc = "As bright as its steps." },
+]
+rewards = [{ name = "r", terms = [["gain", 1.0]] }]
 "#;
 
     struct Films {

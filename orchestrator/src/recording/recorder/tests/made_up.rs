@@ -19,61 +19,18 @@ rewards = [
     { name = "held_down", base = "near", terms = [["nearer_m", "multiplier"]] },
 ]
 cost = { part = "nearer_m", weight = -1.0 }
-
-[[channels]]
-name = "nearer_m"
-role = "part"
-dtype = "f32"
-range = [-10, 10]
-doc = "Nearer."
-
-[[channels]]
-name = "offset"
-role = "outcome"
-dtype = "i32"
-range = [-100, 100]
-doc = "A negative number."
-
-[[channels]]
-name = "kinds"
-role = "outcome"
-dtype = "u8"
-shape = [2]
-names = ["square", "round"]
-doc = "Two names."
-
-[[channels]]
-name = "pair"
-role = "observation"
-dtype = "f64"
-shape = [2]
-range = [-1e9, 1e9]
-doc = "Two numbers."
-
-[[channels]]
-name = "ticks"
-role = "state"
-dtype = "u64"
-doc = "More than 32 bits."
-
-[[channels]]
-name = "counts"
-role = "state"
-dtype = "u16"
-shape = [3]
-doc = "Three counts."
-
-[[metrics]]
-name = "round"
-over = "last"
-all_of = [{ channel = "offset", below = 0 }]
-doc = "It ended below 0."
-
-[[metrics]]
-name = "way_m"
-over = "sum"
-value = "nearer_m"
-doc = "All of the way."
+channels = [
+    { name = "nearer_m", role = "part", dtype = "f32", range = [-10, 10], doc = "Nearer." },
+    { name = "offset", role = "outcome", dtype = "i32", range = [-100, 100], doc = "A negative number." },
+    { name = "kinds", role = "outcome", dtype = "u8", shape = [2], names = ["square", "round"], doc = "Two names." },
+    { name = "pair", role = "observation", dtype = "f64", shape = [2], range = [-1e9, 1e9], doc = "Two numbers." },
+    { name = "ticks", role = "state", dtype = "u64", doc = "More than 32 bits." },
+    { name = "counts", role = "state", dtype = "u16", shape = [3], doc = "Three counts." },
+]
+metrics = [
+    { name = "round", over = "last", all_of = [{ channel = "offset", below = 0 }], doc = "It ended below 0." },
+    { name = "way_m", over = "sum", value = "nearer_m", doc = "All of the way." },
+]
 "#;
 
 fn made_up() -> Declared {

@@ -343,5 +343,3 @@ fn an_evaluation_is_complete_without_a_frame_and_playing_again_is_no_progress() 
     let saved = Some(Saved { frames: 0, weights: "w".into() });
     assert_eq!(last, [Action::Finish(Outcome { end: SessionEnd::Complete, saved })]);
 }
-
-// Several learners
