@@ -219,11 +219,12 @@ fn take_in<'a>(
     Ok(())
 }
 
-/// That a method raised an exception. Its traceback goes to the log.
+/// That a method raised an exception, and where. Its traceback goes to the log.
 fn raised(py: Python<'_>, method: &str, error: &PyErr) -> String {
     if error.is_instance_of::<PySystemExit>(py) {
         return format!("{method}() asked Python to exit ({})", error.value(py));
     }
     error.display(py);
-    format!("{method}() raised {error}")
+    let told = py.import("stillroom.fault").and_then(|fault| fault.call_method1("told", (error.value(py),)));
+    format!("{method}() raised {}", told.map_or_else(|_| error.to_string(), |told| told.to_string()))
 }

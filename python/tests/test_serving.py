@@ -149,14 +149,17 @@ class Faulty(Env):
 @pytest.mark.parametrize(
     ("instead", "problem"),
     [
-        ({"reward": float("nan")}, "its reward is nan, which is not finite"),
-        ({"reward": np.zeros(2)}, "its reward is array.*, not a number"),
-        ({"reward": None}, "its reward is None, not a number"),
-        ({"observation": np.full(3, np.nan, np.float32)}, "its observation `observation` is nan, which is not finite"),
+        ({"reward": float("nan")}, "the environment's reward is nan, which is not finite"),
+        ({"reward": np.zeros(2)}, "the environment's reward is array.*, not a number"),
+        ({"reward": None}, "the environment's reward is None, not a number"),
+        (
+            {"observation": np.full(3, np.nan, np.float32)},
+            "the environment's observation `observation` is nan, which is not finite",
+        ),
         ({"observation": np.full(3, 7, np.float32)}, "is 7.0, which is not between -1.0 and 1.0"),
         ({"observation": np.zeros(4, np.float32)}, r"is an array of \[4\] float32"),
-        ({"info": {}}, "the info of its step has no `speed`, which the declaration names"),
-        ({"info": {"speed": 3.0}}, "its `speed` in info is 3.0, which is not between 0 and 2"),
+        ({"info": {}}, "info of the environment's step.. has no `speed`, which the declaration names"),
+        ({"info": {"speed": 3.0}}, "the environment's `speed` in info is 3.0, which is not between 0 and 2"),
         ({"more": 0}, "step.. did not return"),
     ],
 )
@@ -169,7 +172,10 @@ def test_what_a_run_would_refuse_at_the_first_step_is_refused_before(instead, pr
 
 
 def test_everything_that_is_wrong_with_spaces_is_said_at_once():
-    with pytest.raises(Refused, match="`a` is of float16.*; and its observation `b` is.*; and its actions begin with 1"):
+    with pytest.raises(
+        Refused,
+        match="observation `a` is of float16.*; and the environment's observation `b` is.*; and the .* actions begin with 1",
+    ):
         describe(
             Env(
                 spaces.Dict({"a": spaces.Box(0, 1, (2,), np.float16), "b": spaces.Text(3)}),
@@ -228,6 +234,54 @@ def test_an_environment_is_found_by_its_name(tmp_path: Path):
     for spec in ("mine", f"{file}:nothing", "no.such:make_env", f"{tmp_path / 'none.py'}:make_env"):
         with pytest.raises(Refused):
             find(spec, {}, str(tmp_path))
+
+
+def test_a_keyword_that_a_function_lacks_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("def make(size=3): ...\ndef other(**kwargs): return kwargs\n")
+    with pytest.raises(Refused, match=r"make\(\) has no parameter 'siz'; it has size"):
+        find(f"{file}:make", {"siz": 5}, None)
+    assert find(f"{file}:other", {"siz": 5}, None)[0]() == {"siz": 5}
+
+
+MINE = """import gymnasium
+import numpy as np
+class E(gymnasium.Env):
+    observation_space = gymnasium.spaces.Box(-1, 1, (2,))
+    action_space = gymnasium.spaces.Discrete(2)
+    def reset(self, *, seed=None, options=None):
+        return np.zeros(2, np.float32), {}
+    def step(self, action):
+        return np.zeros(2, np.float32), 0.0, False, False, {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "said"),
+    [
+        (9, "return self.count(None)", "the environment's step() raised TypeError: no number (mine.py:11)"),
+        (9, "return np.zeros(-1)", "step() raised ValueError: negative dimensions are not allowed (mine.py:9)"),
+        (7, "raise ValueError", "the environment's reset() raised ValueError (mine.py:7)"),
+        (2, "import numpy as np; 1 / 0", "importing mine.py raised ZeroDivisionError: division by zero (mine.py:2)"),
+        (
+            4,
+            "def __init__(self): self.x",
+            "cannot be made: AttributeError: 'E' object has no attribute 'x' (mine.py:4)",
+        ),
+        (3, "def E(): return None", "E() returned None, which is no gymnasium.Env"),
+    ],
+)
+def test_an_exception_is_one_sentence_with_its_place(tmp_path: Path, line: int, instead: str, said: str) -> None:
+    lines = MINE.splitlines()
+    old = lines[line - 1]
+    lines[line - 1] = " " * (len(old) - len(old.lstrip())) + instead
+    lines += ["    def count(self, number):", "        raise TypeError('no\\nnumber')"]
+    text = "\n".join(lines[:3] if line == 3 else lines) + "\n"
+    (tmp_path / "mine.py").write_text(text)
+    command = [sys.executable, "-m", "stillroom", "serve", f"{tmp_path / 'mine.py'}:E", "--describe"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("stillroom: error: ") and last.endswith(said), done.stderr
 
 
 def test_a_process_answers_with_its_description_alone(tmp_path: Path):

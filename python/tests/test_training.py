@@ -35,6 +35,37 @@ def test_a_run_is_watched_and_its_policy_loaded(tmp_path, monkeypatch):
     assert training.metrics["frames"].iloc[-1] == 2000
     with pytest.raises(stillroom.RunError, match="is there already"):
         start(tmp_path)
+    checkpoint, run = training.load(), stillroom.read_run(training.path)
+    for one, parts in [(checkpoint, ["2000 frames", "parameters"]), (run, ["run: task", "2000 frames"])]:
+        assert "\n" not in repr(one) and len(repr(one)) < 300
+        assert all(part in repr(one) for part in ["task make_cart_pole", str(tmp_path), *parts]), repr(one)
+    with pytest.raises(ValueError, match="make_cart_pole is no task of the kitchens: .* made by its own code"):
+        checkpoint.environment()
+
+
+@needs_programs
+def test_a_network_takes_observations_by_their_names(tmp_path, monkeypatch):
+    torch = pytest.importorskip("torch")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "states"))
+    network = start(tmp_path).wait(120).load().network()
+    assert "\n" not in repr(network) and "observation [rows, 4] to 2 outputs" in repr(network)
+    seen = torch.tensor([[0.1, -0.2, 0.3, 0.4]])
+    with torch.no_grad():
+        by_name, by_order = (network({name: seen}, network.begin())[0] for name in ("observation", "numbers"))
+    assert torch.equal(by_name, by_order)
+    for wrong in [
+        {"observation": seen[0]},
+        {"observation": seen[:, :3]},
+        {"numbers": seen[:, :3]},
+        {"other": seen},
+        seen,
+    ]:
+        with pytest.raises(ValueError, match=r"observation \[rows, 4\]"):
+            network(wrong, network.begin())
+    # Whole numbers are one-hot.
+    network.channels, network.numbers = [("two", [2], (-1, 2))], 4
+    given = network.by_name({"two": torch.tensor([[-1, 0], [0, 0]])})
+    assert given["numbers"].tolist() == [[1, 0, 0, 1], [0, 1, 0, 1]]
 
 
 @needs_programs
@@ -54,6 +85,8 @@ def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch):
         start(tmp_path, "gymnasium:NoSuchThing-v0")
     with pytest.raises(stillroom.RunError, match=r"no\.such\.setting|no such"):
         start(tmp_path, settings={"no.such.setting": 1})
+    with pytest.raises(stillroom.RunError, match=r"tip: here it is `--set ppo.learning_rate=RATE`"):
+        start(tmp_path, settings={"lr": 1})
     with pytest.raises(stillroom.RunError, match="there is no program"):
         stillroom.train(make_cart_pole, frames=1, orchestrator="no-such-program")
 

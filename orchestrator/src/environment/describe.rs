@@ -78,7 +78,11 @@ fn ask(environment: &EnvironmentConfig, words: &[&str]) -> Result<(Vec<u8>, Stri
         let read = (joined(answer)?, String::from_utf8_lossy(&joined(errors)?).into_owned());
         match status.context("cannot wait for the environment's process")? {
             Some(status) if status.success() => Ok(read),
-            Some(status) => bail!("{}", refusal(command, &read.1, &proto::exit::how(status))),
+            Some(status) => {
+                // Tracebacks, with --verbose.
+                read.1.lines().for_each(|line| tracing::debug!("{}", printable(line)));
+                bail!("{}", refusal(command, &read.1, &proto::exit::how(status)))
+            }
             None => {
                 let _ = child.wait();
                 bail!("`{}` has not described its environment within {} s", shown(command), ANSWERS_WITHIN.as_secs())

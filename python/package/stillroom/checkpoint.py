@@ -56,6 +56,13 @@ class Checkpoint:
     """The task's actions, as it declares them: their `kind`, and `names`, `counts` or `bounds`; `masked`, if not all
     can always be chosen. Empty for a file of weights alone."""
 
+    def __repr__(self) -> str:
+        """Which one it is, in a line."""
+        parameters = sum(array.size for array in self.weights.values())
+        frames = "" if self.frames is None else f", {self.frames} frames"
+        task = f"task {self.config['task']}" if "task" in self.config else "weights alone"
+        return f"<checkpoint {self.path.stem}: {task}{frames}, {parameters} parameters, {self.path.parent}>"
+
     @property
     def frames(self) -> int | None:
         """Frames that it was trained on, if it says so."""
@@ -68,6 +75,11 @@ class Checkpoint:
 
     def environment(self) -> dict[str, Any]:
         """Keywords for `KitchenEnv` and `VectorEnv` that make the task that it was trained in."""
+        if "environment" in self.config:
+            raise ValueError(
+                f"{self.config['task']} is no task of the kitchens: an environment of your own is made by its own code,"
+                " which the run was started with (--env)"
+            )
         episode = self.config.get("episode", {})
         names = ("max_steps", "action_space", "start_distance_max_m", "goal_distance_max_m")
         task = {"task": self.config.get("task", "arm_point_nav"), "carried_goal": self.carried_goal}
@@ -90,7 +102,13 @@ class Checkpoint:
             choices=choices,
             bounds=bounds,
             masked=masked,
+            channels=self._channels(),
         )
+
+    def _channels(self) -> list[dict[str, Any]]:
+        """What an environment of your own observes, as its declaration says it."""
+        declared = tomllib.loads(self.config.get("environment", {}).get("declaration", ""))
+        return [one for one in declared.get("channels", []) if one.get("role") == "observation"]
 
     def save(self, path: str | PathLike[str]) -> None:
         """Writes the weights alone as a safetensors file, which `load` and `learner probe` read."""

@@ -19,6 +19,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from stillroom.description import Refused
+from stillroom.fault import told
 from stillroom.masks import MASK, chosen, sample
 
 # The share of steps in which a column beside the one that is looked at acts.
@@ -32,10 +33,12 @@ class Vector:
 
     def __init__(self, env: VectorEnv) -> None:
         if any(base.__module__.startswith("envpool.") for base in type(env).__mro__):
-            raise Refused("it is a pool of EnvPool, which takes no seed once it is made: --env envpool:ID serves such")
+            raise Refused(
+                "the environment is a pool of EnvPool, which takes no seed once it is made: --env envpool:ID serves such"
+            )
         mode = env.metadata.get("autoreset_mode")
         if not isinstance(mode, AutoresetMode):
-            raise Refused(f'it is a vector whose metadata has no "autoreset_mode"; set it, or {INSTEAD}')
+            raise Refused(f'the environment is a vector whose metadata has no "autoreset_mode"; set it, or {INSTEAD}')
         self._env = env
         self._shows_next_episode = mode is AutoresetMode.SAME_STEP
         self._has_begun = False
@@ -118,7 +121,7 @@ class Vector:
         try:
             seen = self._env.reset(seed=[column.seed for column in self.columns])  # type: ignore[arg-type]
         except Exception as error:
-            problem = f"it takes no seed for each column (reset(seed=[1, 2])): {type(error).__name__}: {error}"
+            problem = f"the vector takes no seed for each column (reset(seed=[1, 2])): {told(error)}"
             raise Refused(f"{problem}. Every episode of a run has a seed of its own; {INSTEAD}") from error
         self._has_begun = True
         self._note_masks(seen[1])

@@ -87,15 +87,17 @@ def check_seen(described: Described, observation: Any) -> None:
 def _check_channel(channel: dict[str, Any], key: str | None, observation: Any) -> None:
     name, space = channel["name"], channel["doc"].removeprefix("Observation: ")
     if key is not None and not (isinstance(observation, Mapping) and key in observation):
-        raise Refused(f"its observation has no `{key}`, which its space has")
+        raise Refused(f"the environment's observation has no `{key}`, which its space has")
     seen = observation if key is None else observation[key]
     if channel.get("shape"):
         if not isinstance(seen, np.ndarray):
-            raise Refused(f"its observation `{name}` is a {type(seen).__name__}, and its space is {space}")
+            kind = type(seen).__name__
+            raise Refused(f"the environment's observation `{name}` is a {kind}, and its space is {space}")
         fits = DTYPES.get(str(seen.dtype)) == channel["dtype"] or (channel["dtype"], seen.dtype) == ("u8", np.int8)
         if not (fits and list(seen.shape) == channel["shape"]):
             raise Refused(
-                f"its observation `{name}` is an array of {list(seen.shape)} {seen.dtype}, and its space is {space}"
+                f"the environment's observation `{name}` is an array of {list(seen.shape)} {seen.dtype}, and its space"
+                f" is {space}"
             )
     check_numbers(f"observation `{name}`", seen, channel)
 
@@ -107,7 +109,7 @@ def check_numbers(what: str, value: Any, channel: Mapping[str, Any]) -> None:
         numbers = np.asarray(value if isinstance(value, np.ndarray) else 0 + value, np.float64)
         numbers = numbers.reshape(channel.get("shape", ()))
     except (TypeError, ValueError):
-        raise Refused(f"its {what} is {value!r}, not {channel.get('shape') or 'a number'}") from None
+        raise Refused(f"the environment's {what} is {value!r}, not {channel.get('shape') or 'a number'}") from None
     # As a record holds it, in 32 bits.
     kind, limit = (np.float32, F32_MOST) if channel.get("dtype", "f32") == "f32" else (np.float64, np.inf)
     least, most = channel.get("range", (-limit, limit))
@@ -116,7 +118,7 @@ def check_numbers(what: str, value: Any, channel: Mapping[str, Any]) -> None:
     wrong = numbers[~((kind(least) <= kept) & (kept <= kind(most)))]
     if wrong.size:
         allowed = f"between {least} and {most}" if np.isfinite(wrong.flat[0]) else "finite"
-        raise Refused(f"its {what} is {wrong.flat[0]}, which is not {allowed}")
+        raise Refused(f"the environment's {what} is {wrong.flat[0]}, which is not {allowed}")
 
 
 def way_of(env: gymnasium.Env) -> str:
@@ -124,9 +126,11 @@ def way_of(env: gymnasium.Env) -> str:
     has_snapshots = all(callable(getattr(env, name, None)) for name in ("get_state", "set_state"))
     way = env.metadata.get("restore", "snapshot" if has_snapshots else "replay")
     if way not in ("replay", "snapshot", "none"):
-        raise Refused(f'its metadata["restore"] is {way!r}, not "replay", "snapshot" or "none"')
+        raise Refused(f'metadata["restore"] of the environment is {way!r}, not "replay", "snapshot" or "none"')
     if way == "snapshot" and not has_snapshots:
-        raise Refused('its metadata["restore"] is "snapshot", but it has no get_state() and set_state(bytes)')
+        raise Refused(
+            'metadata["restore"] of the environment is "snapshot", but it has no get_state() and set_state(bytes)'
+        )
     return way
 
 
@@ -138,8 +142,8 @@ def _restore(env: gymnasium.Env) -> dict[str, Any]:
     state = env.get_state()  # type: ignore[attr-defined]
     if not isinstance(state, bytes) or not state:
         raise Refused(
-            f"its get_state() returned {type(state).__name__}, not bytes, or none of them; if it is no snapshot, set"
-            ' metadata["restore"] = "replay"'
+            f"the environment's get_state() returned {type(state).__name__}, not bytes, or none of them; if it is no"
+            ' snapshot, set metadata["restore"] = "replay"'
         )
     return {"way": way, "bytes": int(env.metadata.get("snapshot_bytes", len(state)))}
 
@@ -147,7 +151,7 @@ def _restore(env: gymnasium.Env) -> dict[str, Any]:
 def _channel_name(key: Any) -> str:
     name = re.sub(r"[^a-z0-9]+", "_", str(key).lower()).strip("_")
     if not isinstance(key, str) or not name[:1].isalpha():
-        raise Refused(f"its observation has the key {key!r}: a key begins with a letter")
+        raise Refused(f"the environment's observation has the key {key!r}: a key begins with a letter")
     return f"observation_{name}" if _stillroom.is_reserved(name) else name
 
 
@@ -155,24 +159,26 @@ def _actions(space: spaces.Space) -> dict[str, Any]:
     wrap = "so wrap it (gymnasium.ActionWrapper)"
     if isinstance(space, spaces.Box):
         if space.dtype not in (np.float32, np.float64):
-            raise Refused(f"its actions are numbers of {space.dtype}; they are float32 or float64, {wrap}")
+            raise Refused(
+                f"the environment's actions are numbers of {space.dtype}; they are float32 or float64, {wrap}"
+            )
         # Where there is no bound, that of 32 bits is one.
         bounds = np.stack([space.low, space.high], -1).reshape(-1, 2).astype(np.float64).clip(-F32_MOST, F32_MOST)
         return {"kind": "box", "bounds": bounds.tolist()}
     if not isinstance(space, spaces.Discrete | spaces.MultiDiscrete):
-        raise Refused(f"its action space is {space}; actions are Discrete, MultiDiscrete or Box, {wrap}")
+        raise Refused(f"the environment's action space is {space}; actions are Discrete, MultiDiscrete or Box, {wrap}")
     if np.any(space.start):
-        raise Refused(f"its actions begin with {space.start}; they begin with 0, {wrap}")
+        raise Refused(f"the environment's actions begin with {space.start}; they begin with 0, {wrap}")
     if isinstance(space, spaces.MultiDiscrete):
         return {"kind": "multi_discrete", "counts": space.nvec.reshape(-1).tolist()}
     if space.n > 254:
-        raise Refused(f"it has {space.n} actions; a task has at most 254")
+        raise Refused(f"the environment has {space.n} actions; a task has at most 254")
     return {"kind": "discrete", "names": [f"action_{number}" for number in range(int(space.n))]}
 
 
 def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
     if space.shape is not None and 0 in space.shape:
-        raise Refused(f"its observation `{name}` has the shape {space.shape}, which holds no number")
+        raise Refused(f"the environment's observation `{name}` has the shape {space.shape}, which holds no number")
     channel: dict[str, Any] = {"name": name, "role": "observation", "doc": f"Observation: {space}."}
     if isinstance(space, spaces.Discrete):
         return channel | {"dtype": "i32", "range": [float(space.start), float(space.start + space.n - 1)]}
@@ -186,11 +192,11 @@ def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
         least, most, dtype, shape = float(np.min(space.low)), float(np.max(space.high)), str(space.dtype), space.shape
     else:
         raise Refused(
-            f"its observation `{name}` is {space}; observations are Box, Discrete, MultiBinary, MultiDiscrete or a Dict"
-            " of these (gymnasium.wrappers has others made of them)"
+            f"the environment's observation `{name}` is {space}; observations are Box, Discrete, MultiBinary,"
+            " MultiDiscrete or a Dict of these (gymnasium.wrappers has others made of them)"
         )
     if dtype not in DTYPES:
-        raise Refused(f"its observation `{name}` is of {dtype}; there are {', '.join(DTYPES)}")
+        raise Refused(f"the environment's observation `{name}` is of {dtype}; there are {', '.join(DTYPES)}")
     kept = DTYPES[dtype]
     channel |= {"dtype": kept, "shape": list(shape)}
     if kept in ("u8", "u16") and len(shape) >= 2:

@@ -33,7 +33,7 @@ def try_out(described: Described, env: Any, declared: Sequence[dict[str, Any]]) 
     check_numbers("reward", reward, by_name.pop("reward", {}))
     for name in by_name.keys() - {channel["name"] for channel in described.description["channels"]}:
         if info.get(name) is None:
-            raise Refused(f"the info of its step has no `{name}`, which the declaration names")
+            raise Refused(f"info of the environment's step() has no `{name}`, which the declaration names")
         check_numbers(f"`{name}` in info", info.get(name), by_name[name])
 
 
@@ -80,7 +80,8 @@ def _compare(once: list[dict[str, Any]], again: list[dict[str, Any]], first: int
         for what in ("observation", "reward", "end", MASK):
             if (what in one) != (what in other) or (what in one and not _same(one[what], other[what])):
                 raise Refused(
-                    f"it does not repeat itself: after {after} its {what} after {step} actions is another one. {advice}"
+                    f"the environment does not repeat itself: after {after} its {what} after {step} actions is another"
+                    f" one. {advice}"
                 )
 
 

@@ -27,8 +27,8 @@ def add_mask(described: Described, env: gymnasium.Env) -> None:
         return
     if np.shape(mask) != (options,):
         raise Refused(
-            f'its info["{MASK}"] has the shape {np.shape(mask)}, not ({options},): one number for each option,'
-            " of several choices side by side"
+            f'info["{MASK}"] of the environment has the shape {np.shape(mask)}, not ({options},): one number for each'
+            " option, of several choices side by side"
         )
     doc = "Whether each option may be chosen."
     channel = {"name": MASK, "role": "mask", "dtype": "u8", "shape": [options], "doc": doc}
@@ -44,7 +44,7 @@ def chosen(space: spaces.Space, mask: NDArray[Any], pick: Callable[[NDArray[np.i
     """An action of `space`, of which `pick` takes each choice among the options that are allowed."""
     allowed = [np.flatnonzero(part) for part in np.split(np.asarray(mask), np.cumsum(_counts(space))[:-1])]
     if not all(options.size for options in allowed):
-        raise Refused(f"its {MASK} allows no option of a choice: one at least can always be chosen")
+        raise Refused(f"the environment's {MASK} allows no option of a choice: one at least can always be chosen")
     return np.array([pick(options) for options in allowed], space.dtype).reshape(space.shape or ())[()]
 
 

@@ -8,6 +8,7 @@ stays a copy of its own: one that both used could be wrong in both.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -203,6 +204,8 @@ class Network(nn.Module):
         privileged: int = 0,
     ) -> None:
         super().__init__()
+        # Of an environment of your own: name, shape, and of whole numbers the least and how many there are.
+        self.channels: list[tuple[str, list[int], tuple[int, int] | None]] = []
         self.masked = masked
         self.choices = choices or [actions]
         self.log_std = nn.Parameter(torch.zeros(actions)) if bounds else None
@@ -252,9 +255,10 @@ class Network(nn.Module):
         choices: list[int] | None = None,
         bounds: list[list[float]] | None = None,
         masked: bool = False,
+        channels: list[dict[str, Any]] | None = None,
     ) -> Network:
         """The network that weights belong to: names and shapes give all but `goal`, `activation`,
-        `observation_clip`, `masked` and the actions' form. Heads of auxiliary tasks are left out."""
+        `observation_clip`, `masked`, `channels` (an own environment's) and the actions' form. Heads of auxiliary tasks are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""
@@ -329,8 +333,73 @@ class Network(nn.Module):
                     network.load_state_dict({name: torch.tensor(weights[name]) for name in own if name in weights})
                 except (RuntimeError, TypeError) as error:
                     raise ValueError(f"these are no weights of a policy: {error}") from error
+                network.take_names(channels or [])
                 return network.eval()
         raise ValueError(f"no input pooling gives the encoder {weights[last].shape[1]} features")
+
+    def __repr__(self) -> str:
+        """What it takes and gives, in a line."""
+        parameters = sum(parameter.numel() for parameter in self.parameters())
+        memory = f", {type(self.belief).__name__} of {self.hidden}" if self.belief is not None else ""
+        return f"<network: {self.expected()} to {self.actions} outputs{memory}, {parameters} parameters>"
+
+    def take_names(self, channels: list[dict[str, Any]]) -> None:
+        """Has `forward` take observations by the names of these channels, too, if they are all that it is given."""
+        found: list[tuple[str, list[int], tuple[int, int] | None]] = []
+        for channel in channels:
+            shape, bounds = channel.get("shape", []), channel.get("range")
+            if channel["name"] in (self.images or {}):
+                continue
+            if channel["dtype"] != "f32" and bounds is None:
+                return
+            whole = None if channel["dtype"] == "f32" else (int(bounds[0]), int(bounds[1] - bounds[0]) + 1)
+            found.append((channel["name"], shape, whole))
+        width = sum(math.prod(shape) * (whole[1] if whole else 1) for _, shape, whole in found)
+        if self.visual_encoder is None and width == self.numbers:
+            self.channels = found
+
+    def expected(self) -> str:
+        """The keys of observations, with shapes."""
+        if self.visual_encoder is not None:
+            keys = [f"depth [rows, {RAW_SIDE}, {RAW_SIDE}]", f"goal [rows, {self.numbers}]"]
+        elif self.channels:
+            keys = [f"{name} {['rows', *shape]}".replace("'", "") for name, shape, _ in self.channels]
+        else:
+            keys = [f"numbers [rows, {self.numbers}]"] if self.numbers else []
+        keys += [f"images.{name} [rows, ...]" for name in self.images or {}]
+        keys += ["previous_action [rows]"] if self.previous_action_embedder is not None else []
+        keys += [f"action_mask [rows, {self.actions}]"] if self.masked else []
+        return ", ".join(keys)
+
+    def by_name(self, observations: Any) -> dict[str, Any]:
+        """Observations as `forward` reads them: those of an environment of your own become `numbers` and `images.NAME`.
+        A ValueError if something is missing or has another shape."""
+        if not isinstance(observations, Mapping):
+            raise ValueError(
+                f"observations are a {type(observations).__name__}, not a dictionary: it has {self.expected()}"
+            )
+        given = dict(observations)
+        given |= {f"images.{name}": given[name] for name in self.images or {} if name in given}
+        if self.channels and "numbers" not in given and all(name in given for name, _, _ in self.channels):
+            given["numbers"] = torch.cat([self._numbers(given[name], *channel) for name, *channel in self.channels], 1)
+        needed = ["depth", "goal"] if self.visual_encoder is not None else ["numbers"] * bool(self.numbers)
+        needed += [f"images.{name}" for name in self.images or {}]
+        needed += ["previous_action"] * (self.previous_action_embedder is not None) + ["action_mask"] * self.masked
+        vectors = {"goal": (self.numbers,), "numbers": (self.numbers,), "previous_action": ()}
+        for name in needed:
+            if name not in given or (name in vectors and tuple(given[name].shape[1:]) != vectors[name]):
+                found = f"shape {tuple(given[name].shape)}" if name in given else f"keys {', '.join(observations)}"
+                raise ValueError(f"observations are {self.expected()}; these have the {found}")
+        return given
+
+    def _numbers(self, value: Any, shape: list[int], whole: tuple[int, int] | None) -> Tensor:
+        """A channel's numbers as the network is given them: whole ones as one-hot."""
+        value = torch.as_tensor(value, device=self.device())
+        if list(value.shape[1:]) != shape or not value.dim():
+            raise ValueError(f"observations are {self.expected()}; these have the shape {tuple(value.shape)}")
+        if whole is not None:
+            value = F.one_hot(value.long() - whole[0], whole[1])
+        return value.reshape(len(value), -1).to(torch.float32)
 
     def begin(self, rows: int = 1) -> Tensor:
         """The belief at an episode's start: zeros [rows, hidden]; of an LSTM the cell stands behind it, and it is twice
@@ -397,8 +466,8 @@ class Network(nn.Module):
         """One step of `rows` environments.
 
         Args:
-            observations: those of a `VectorEnv`, arrays or tensors: depth [rows, 224, 224], goal [rows, 3], and
-                previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal; in
+            observations: of an environment of your own its channels by their names; those of a `VectorEnv`, arrays or
+                tensors: depth [rows, 224, 224], goal [rows, 3], and previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal; in
                 a task with masks action_mask [rows, actions], true where an option may be chosen. Any other image as
                 `images.NAME`, as it was observed. What the critic alone is given as `privileged`, or none of it.
             belief: as `begin` has it; zeros where an episode begins.
@@ -407,6 +476,8 @@ class Network(nn.Module):
             log-probabilities of the actions [rows, actions] (of several choices side by side; of a box means), values
             [rows] (NaN without what the critic alone is given), and beliefs for the next step.
         """
+
+        observations = self.by_name(observations)
 
         def given(name: str) -> Tensor:
             return torch.as_tensor(observations[name], device=self.device())

@@ -102,6 +102,11 @@ class Run:
     config: dict[str, Any]
     """The configuration."""
 
+    def __repr__(self) -> str:
+        """Which one it is, in a line."""
+        frames = f", {self.metrics['frames'].iloc[-1]} frames" if len(self.metrics) else ""
+        return f"<{self.kind} {self.path.name}: task {self.config.get('task', 'arm_point_nav')}{frames}, {self.path}>"
+
     @property
     def configuration(self) -> pd.Series:
         """The configuration with one row a key, such as `ppo.learning_rate`: for tables of several runs."""

@@ -22,6 +22,7 @@ from typing import Any, NoReturn, TextIO
 
 import gymnasium
 
+from stillroom import fault
 from stillroom._stillroom import BUILD, Actor, Replay, hold_lifeline
 from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
 from stillroom.description import Refused, describe
@@ -85,8 +86,27 @@ def find(spec: str, kwargs: dict[str, Any], path: str | None) -> tuple[MakeEnv, 
     make = getattr(module, name, None)
     if not callable(make):
         raise Refused(f"`{place}` has no function `{name}`")
+    _check_keywords(make, name, kwargs)
     plain = name in ("make", "make_env")
     return functools.partial(make, **kwargs), Path(place).stem.rpartition(".")[2] if plain else name
+
+
+def _check_keywords(make: MakeEnv, name: str, kwargs: dict[str, Any]) -> None:
+    """Refuses keyword arguments that a function does not take."""
+    try:
+        parameters = inspect.signature(make).parameters.values()
+    except (TypeError, ValueError):
+        # One of C may have none that can be read.
+        return
+    named = [one.name for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
+    unknown = [key for key in kwargs if key not in named]
+    if unknown and not any(one.kind is one.VAR_KEYWORD for one in parameters):
+        raise Refused(f"{name}() has no parameter {unknown[0]!r}; it has {', '.join(named) or 'none'}")
+
+
+def _called(make_env: MakeEnv) -> str:
+    """The name of a function, also of one with some arguments given."""
+    return getattr(getattr(make_env, "func", make_env), "__name__", "make_env")
 
 
 def _module(place: str) -> Any:
@@ -171,7 +191,7 @@ def _run(
         raise SystemExit(2) from None
     except Exception as error:
         traceback.print_exc()
-        print(f"stillroom: error: the environment raised {type(error).__name__}: {error}", file=sys.stderr)
+        print(f"stillroom: error: {fault.sentence(error)}", file=sys.stderr)
         raise SystemExit(1) from None
     raise SystemExit(1)
 
@@ -184,7 +204,7 @@ def _replay(make_env: MakeEnv, name: str, asked: TextIO, answer: TextIO) -> None
     made = _made(make_env, 1, **({"render_mode": "rgb_array"} if images and has_mode else {}))
     one, vectors = (made.columns[0], [made]) if isinstance(made, Vector) else (made, [])
     if images and vectors:
-        raise Refused("it is a vector, of which no film is made: --check replays its episodes")
+        raise Refused("the environment is a vector, of which no film is made: --check replays its episodes")
     described = describe(one, name)
     camera = Camera(one) if images else None
     replay = Replay(setup, camera or one, vectors, json.dumps(described.description), described.observed)
@@ -218,11 +238,12 @@ def _made(make_env: MakeEnv, size: int, **more: Any) -> Any:
         env = make_env(**more, **({"num_envs": size} if takes_size(make_env) else {}))
     except Exception as error:
         traceback.print_exc()
-        raise Refused(f"the environment cannot be made: {type(error).__name__}: {error}") from error
+        raise Refused(f"the environment cannot be made: {fault.told(error)}") from error
     if isinstance(env, gymnasium.vector.VectorEnv):
         return Vector(env)
     if not isinstance(env, gymnasium.Env):
-        raise Refused(f"it makes a {type(env).__name__}, which is no gymnasium.Env")
+        made = "None" if env is None else f"a {type(env).__name__}"
+        raise Refused(f"{_called(make_env)}() returned {made}, which is no gymnasium.Env")
     return env
 
 

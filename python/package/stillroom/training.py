@@ -32,6 +32,7 @@ LOOKS_EVERY_S = 0.1
 SAYS_MOST = 1 << 20
 # Of the line by which `up` says why it ends.
 ERROR = "error: "
+TIP = "tip: "
 
 
 class Training:
@@ -170,9 +171,11 @@ def _json(name: str, value: Any) -> str:
 
 
 def _reason(text: str) -> str:
-    """What `orchestrator` says last of all that is wrong."""
-    lines = [line for line in text.splitlines() if line.startswith(ERROR)]
-    return lines[-1].removeprefix(ERROR) if lines else ""
+    """What `orchestrator` says last of all that is wrong, and its tip."""
+    _, is_there, last = f"\n{text}".rpartition(f"\n{ERROR}")
+    lines = last.splitlines() if is_there else []
+    tips = [line.strip() for line in lines if line.strip().startswith(TIP)]
+    return "; ".join(lines[:1] + tips)
 
 
 def _place(make_env: Callable[..., Any], run: Path) -> str:

@@ -332,7 +332,7 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
     };
     let expected = run("sound", "").result();
     for (fault, sentence) in [
-        ("step", "step() raised ZeroDivisionError: the robot fell over"),
+        ("step", "step() raised ZeroDivisionError: the robot fell over ("),
         ("reset", "reset() raised ValueError: no start was found"),
         ("shape", "its `goal_m` is an array of [2] float32, not an array of [3] F32"),
         ("dtype", "its `goal_m` is an array of [3] int16, not an array of [3] F32"),
@@ -356,6 +356,8 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
         if !sentence.is_empty() {
             let named = ["environment ", ", episode ", ", step "].iter().all(|part| line.contains(part));
             assert!(named && line.contains("actor"), "{fault}: {line}");
+            let is_placed = !line.contains("() raised ") || line.contains("faulty.py:");
+            assert!(is_placed, "{fault}: {line}");
         }
         assert_eq!(printed.deaths().is_empty(), sentence.is_empty(), "{fault}: {printed:#?}");
         workshop.run(fault).assert_nothing_left();
@@ -412,9 +414,9 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
         assert!(said.contains(expected), "{env}: {said}");
     }
     for (env, expected) in [
-        ("faulty.py:random_env", "it does not repeat itself"),
-        ("faulty.py:at_once", "its reward is nan"),
-        ("actions.py:stuck", "its action_mask allows no option"),
+        ("faulty.py:random_env", "the environment does not repeat itself"),
+        ("faulty.py:at_once", "the environment's reward is nan"),
+        ("actions.py:stuck", "the environment's action_mask allows no option"),
     ] {
         let said = refused(&["--python", python, "--env", &source(env)]);
         assert!(said.contains(expected), "{said}");
