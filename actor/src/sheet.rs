@@ -88,7 +88,11 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
 
     let height = HEAD + rows * (TITLE + side + MARGIN) + MARGIN;
     let mut canvas = Canvas::new(width, height, PAPER);
-    let end = canvas.text("Stillroom kitchens", 26.0, MARGIN as f32, 31.0, INK);
+    let title = match options.subjects.as_slice() {
+        [scene @ Subject::Scene(_)] => scene.to_string(),
+        _ => "Stillroom kitchens".to_owned(),
+    };
+    let end = canvas.text(&title, 26.0, MARGIN as f32, 31.0, INK);
     let legend = format!(
         "each: floor plan cut at 1.4 m, and what the robot (orange) sees from where it stands; {} things in all",
         pairs.iter().map(|(_, _, things)| *things).sum::<usize>()

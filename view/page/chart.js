@@ -38,6 +38,9 @@ export class Chart {
       h("figcaption", {}, h("span", {}, title), this.readout, h("span", { class: "saves" }, button("PNG", () => this.picture()), button("CSV", () => hand(new Blob([this.csv()], { type: "text/csv" }), `${this.file()}.csv`)))), this.frame);
     new ResizeObserver(() => this.fit()).observe(this.frame);
     addEventListener("recolour", () => this.plot?.redraw(), { signal });
+    // Half or all of a sheet's width, in pixels as fine as ink.
+    addEventListener("beforeprint", () => this.draw(this.element.matches(":last-child:nth-child(odd)") ? 780 : 370, 3), { signal });
+    addEventListener("afterprint", () => this.draw(), { signal });
     signal?.addEventListener("abort", () => this.plot?.destroy());
   }
 
@@ -74,13 +77,12 @@ export class Chart {
     this.tell();
   }
 
-  draw() {
+  draw(width = this.frame.clientWidth, scale = 1) {
     this.plot?.destroy();
     this.plot = null;
     this.drawn = this.xLabel;
     this.frame.style.setProperty("height", `${this.height}px`);
-    const width = this.frame.clientWidth;
-    if (width) this.plot = new uPlot(this.options(width, this.height), this.data, this.frame);
+    if (width) this.plot = new uPlot(this.options(width * scale, this.height * scale, scale), this.data, this.frame);
   }
 
   fit() {
@@ -142,16 +144,17 @@ export class Chart {
       pen.lineTo(x1, y1);
       pen.stroke();
     };
-    Object.assign(pen, { fillStyle: css("--soft"), textAlign: "left", textBaseline: "alphabetic" });
-    for (const [row, { x, label }] of (this.content.marks ?? []).entries()) {
+    pen.textBaseline = "alphabetic";
+    for (const [row, { x, label, colour = "--soft" }] of (this.content.marks ?? []).entries()) {
       const at = plot.valToPos(x, "x", true);
       if (at <= left || at >= left + width) continue;
-      stroke("--faint", [2, 3], at, top, at, top + height);
+      stroke(colour === "--soft" ? "--faint" : colour, [2, 3], at, top, at, top + height);
+      pen.fillStyle = css(colour);
       const over = at + pen.measureText(label).width + 4 * unit > left + width;
       pen.textAlign = over ? "right" : "left";
       pen.fillText(label, at + (over ? -4 : 4) * unit, top + (10 + 12 * row) * unit);
     }
-    pen.textAlign = "right";
+    Object.assign(pen, { fillStyle: css("--soft"), textAlign: "right" });
     for (const { y, label } of this.content.levels ?? []) {
       const at = plot.valToPos(y, "y", true);
       stroke("--soft", [7, 4], left, at, left + width, at);

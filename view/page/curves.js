@@ -80,9 +80,9 @@ export class Curves {
       }));
       // One axis for all shares: others are mostly parts of the first.
       if (metric?.kind === "share") most ??= Math.max(...series.flatMap(({ y }) => y));
-      // Where stages begin; of runs that differ in it with their names.
-      const begins = new Map(all.map(({ source }) => [JSON.stringify(source.stages), source]));
-      const marks = [...begins.values()].flatMap(({ name: run, stages }) => stages.slice(1).map(([label, x]) => ({ label: `stage ${label}${begins.size > 1 ? `, ${run}` : ""}`, x })));
+      // Where stages begin; of runs that differ in it in their colours.
+      const begins = new Map(all.map(({ source: { stages }, index }) => [JSON.stringify(stages), { stages, index }]));
+      const marks = [...begins.values()].flatMap(({ stages, index }) => stages.slice(1).map(([label, x]) => (begins.size > 1 ? { label, x, colour: look(index).colour } : { label: `stage ${label}`, x })));
       const first = this.sources[all[0].index];
       chart.show({
         series, smoothed: weight > 0, most: metric?.kind === "share" ? most : undefined,

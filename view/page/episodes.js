@@ -1,7 +1,7 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
 import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
-import { count, number, outcome, percent, words } from "./format.js";
+import { count, number, outcome, percent, kitchenName, words } from "./format.js";
 import { paintEnd } from "./stage.js";
 
 // What every task's episodes have.
@@ -79,7 +79,7 @@ export async function showEpisodes(root, run, query, signal) {
     const { successes, elsewhere, targets } = page;
     // Only kitchens are drawn here.
     const address = each.key && !elsewhere && `#/run/${encoded}/episode/${each.key}`;
-    const places = [elsewhere ? null : each.kitchen, each.environment];
+    const places = [elsewhere ? null : kitchenName(each.kitchen, card.scenes).replace("kitchen ", ""), each.environment];
     const where = places.filter((place) => place !== null).join(" / ");
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
       pictured(page) ? h("td", {}, each.key ? picture(each.key, address) : null) : null,

@@ -2,7 +2,7 @@
 // browser.
 
 import { ask, h } from "./dom.js";
-import { outcome } from "./format.js";
+import { outcome, kitchenName } from "./format.js";
 import { gif } from "./gif.js";
 
 const [WIDTH, HEIGHT] = [640, 480];
@@ -11,10 +11,10 @@ const LINE = 24;
 const VIEW = 128;
 
 /** What the line beneath a picture says: which episode, which step, and at its end how it ended. */
-export function caption({ key, last, episode: { target, outcome: ended } }, step) {
+export function caption({ key, last, place: where, episode: { target, outcome: ended } }, step) {
   const [kitchen, , number] = key.split("-");
   const at = Math.min(step, last);
-  return [`kitchen ${kitchen}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended) : null].filter(Boolean).join(" · ");
+  return [`${where ?? kitchenName(kitchen)}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended) : null].filter(Boolean).join(" · ");
 }
 
 /** Kinds of films that this browser can make: name, ending, what its recorder is told. */

@@ -33,6 +33,9 @@ export function duration(seconds) {
 export const date = (unix) => (unix ? new Date(unix * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" }) : missing);
 export const bytes = (value) => (known(value) ? (value >= 2 ** 30 ? `${(value / 2 ** 30).toFixed(1)} GiB` : `${Math.round(value / 2 ** 20)} MiB`) : missing);
 
+/** What a kitchen is called, or a scene of the run's own: those are numbered from 128 on. */
+export const kitchenName = (kitchen, scenes = []) => scenes[kitchen - 128] ?? `kitchen ${kitchen}`;
+
 /** An outcome in words: "time-limit" is "time limit". */
 export const outcome = (word) => (word === "unfinished" ? "goes on" : word.replaceAll("-", " "));
 

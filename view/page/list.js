@@ -5,6 +5,9 @@ import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
 
+/** A run's name, after that of its suite. */
+export const named = ({ suite, id }) => [suite, id].filter(Boolean).join(" / ");
+
 export function progress(share, label) {
   const width = `${(100 * Math.min(1, Math.max(0, share || 0))).toFixed(2)}%`;
   return h("div", { class: "bar", role: "img", "aria-label": label ?? width }, h("i", { style: { width } }));
@@ -56,19 +59,19 @@ export async function showList(root, query, signal) {
         beside.hidden = chosen.size !== 2;
       },
     });
-    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.id);
+    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", {},
       h("td", {}, box),
       h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
-      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "row small" }, stateWord(card.state), h("span", { class: "faint" }, done))),
+      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))),
       metrics.map((label, at) => {
         const metric = card.metrics.find((each) => each.label === label);
-        return h("td", { "data-head": label, class: at > 1 ? "optional" : null }, metric && figure(metric, card.figures[metric.name]));
+        return h("td", { "data-head": label, class: at > 1 ? "number optional" : "number" }, metric && figure(metric, card.figures[metric.name]));
       }),
-      h("td", { "data-head": "Begun", class: "optional soft small" }, date(card.created_unix_s)));
+      h("td", { "data-head": "Begun", class: "optional soft small whole" }, date(card.created_unix_s)));
   };
   let shown = "";
   every(3000, signal, async () => {
@@ -79,7 +82,7 @@ export async function showList(root, query, signal) {
       shown = text;
       const focused = document.activeElement?.getAttribute("aria-label") ?? document.activeElement?.getAttribute("href");
       metrics = [...new Set(cards.flatMap((card) => card.metrics.map(({ label }) => label)))];
-      const columns = [["Run", "run"], ["Progress", "progress"], ...metrics.map((label, at) => [label, label, at > 1 ? "optional" : null]), ["Begun", "begun", "optional"]];
+      const columns = [["Run", "run"], ["Progress", "progress"], ...metrics.map((label, at) => [label, label, at > 1 ? "number optional" : "number"]), ["Begun", "begun", "optional"]];
       if (head.dataset.columns !== metrics.join()) replace(head, h("tr", {}, h("th", {}, h("span", { class: "unseen" }, "Choose")), sorters(columns, asked, sort)));
       head.dataset.columns = metrics.join();
       order();

@@ -1,7 +1,7 @@
 // A policy that plays: one of its environments after the other, step by step, as fast as steps come.
 
 import { h, json, notice, pause, replace, say, waiting } from "./dom.js";
-import { count, figure, outcome } from "./format.js";
+import { count, figure, kitchenName } from "./format.js";
 import { Stage, besides, explained } from "./stage.js";
 
 /** Steps a second, as a policy plays by default; what lies behind what goes on is caught up with within two seconds. */
@@ -20,7 +20,7 @@ class SceneRenderer {
     this.title = h("h1", {}, "A policy at work");
     this.plays = h("p", { class: "small" }, policy);
     this.terms = h("p", { class: "soft small" }, "\u00a0");
-    this.tally = h("p", { class: "soft small", role: "status" }, "no episode is shown to its end yet");
+    this.tally = h("p", { class: "soft small", role: "status" }, "No episode has ended yet.");
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
     this.link = h("a", { href: "#/?all", hidden: true }, "All episodes");
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
@@ -53,13 +53,13 @@ class SceneRenderer {
     const { card, kitchens } = this.live;
     const places = kitchens.flatMap(({ kitchen, environments }) => environments.map((environment) => `${kitchen}/${environment}`));
     if (this.picker.options.length !== places.length) {
-      replace(this.picker, places.map((name) => h("option", { value: name, selected: name === this.chosen }, `kitchen ${name.split("/")[0]}`)));
+      replace(this.picker, places.map((name) => h("option", { value: name, selected: name === this.chosen }, kitchenName(name.split("/")[0], card.scenes))));
       this.picker.hidden = places.length < 2;
     }
     if (!places.includes(this.chosen)) this.chosen = places[0] ?? null;
     this.link.href = `#/run/${encodeURIComponent(newest.id)}`;
-    this.link.hidden = false;
-    this.link.textContent = `All ${count(card.done)} episodes`;
+    this.link.hidden = !card.done;
+    this.link.textContent = card.done === 1 ? "The episode that has ended" : `All ${count(card.done)} episodes`;
     if (card.conditions) {
       // Of a run that trains each round plays the newest checkpoint.
       const [plays, terms] = card.conditions.split(": ");
@@ -83,20 +83,24 @@ class SceneRenderer {
   /** Shows an episode to its end, or until another kitchen is chosen; it may still go on. */
   async show(key) {
     const { signal, run, chosen } = this;
-    this.waits(`The newest episode in kitchen ${chosen.split("/")[0]} is simulated up to its last step`);
+    this.waits(`The newest episode in ${kitchenName(chosen.split("/")[0], this.live.card.scenes)} is simulated up to its last step`);
     const stage = await Stage.open(run, key, signal);
     this.waits("");
     this.button.hidden = false;
     this.stage = stage;
     const end = h("span", {});
-    const [kitchen, , number] = key.split("-");
-    const named = [`episode ${number} in kitchen ${kitchen}`, stage.episode.target].filter(Boolean).join(", ");
+    const number = Number(key.split("-")[2]);
+    const named = [`episode ${number} in ${stage.place}`, stage.episode.target].filter(Boolean).join(", ");
+    // The policy does not wait for this page.
+    const [first, before] = [(this.seen?.where === `${run} ${chosen}` ? this.seen.number : number) + 1, number - 1];
+    const missed = first < before ? `episodes ${first} to ${before} ended meanwhile and are not shown` : first === before ? `episode ${first} ended meanwhile and is not shown` : "";
+    this.seen = { where: `${run} ${chosen}`, number };
     const { target } = stage.episode;
     const task = target ? `Bring the ${target} (pink) to its goal (green), and displace nothing else (violet)` : "Reach the goal (green)";
     const keys = [["space", "pause"], ["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
     replace(this.place, h("div", { class: "episode" },
       h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
-        h("strong", {}, task), h("div", { class: "row small" }, h("span", {}, named), end), stage.problem,
+        h("strong", {}, task), h("div", { class: "row small" }, h("span", {}, named), end, h("span", { class: "soft" }, missed)), stage.problem,
         besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`)))))),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
         h("section", { class: "card" }, stage.moved))));
@@ -108,14 +112,19 @@ class SceneRenderer {
       if (this.still) {
         await pause(LOOK / 4, signal);
       } else if (step <= stage.last) {
-        stage.show(step);
+        // What is said is of the step that is seen; a machine that draws slowly leaves out steps.
+        const [asked, rate] = [performance.now(), Math.max(SPEED, (stage.last - step) / CATCH_UP)];
+        stage.paint(step);
+        while (!stage.isPainted() && !signal.aborted && this.chosen === chosen) await pause(20, signal);
+        stage.tell();
         this.place.dataset.step = String(step);
-        step += 1;
         newest = performance.now();
         this.waits("");
-        await pause(1000 / Math.max(SPEED, (stage.last - step) / CATCH_UP), signal);
+        const due = ((newest - asked) * rate) / 1000;
+        await pause(Math.max(0, (1 - due) * 1000) / rate, signal);
+        if (step === stage.last) step += 1; else step = Math.min(stage.last, step + Math.max(1, Math.floor(due)));
       } else if (stage.episode.outcome !== "unfinished") {
-        const ended = outcome(stage.episode.outcome);
+        const ended = stage.ended();
         replace(end, h("span", { class: stage.kind() }, ended), ` after ${count(stage.last)} steps`);
         this.count(stage.episode);
         say([stage.episode.target, ended].filter(Boolean).join(": "));
@@ -153,7 +162,7 @@ export async function showPlay(root, policy, signal) {
       const key = await renderer.look() ? await renderer.newest() : null;
       const place = `${renderer.run} ${key}`;
       if (key === null || place === shown) {
-        if (renderer.chosen) renderer.waits(`${shown ? "The next" : "The first"} episode in kitchen ${renderer.chosen.split("/")[0]} is waited for`);
+        if (renderer.chosen) renderer.waits(`${shown ? "The next" : "The first"} episode in ${kitchenName(renderer.chosen.split("/")[0], renderer.live.card.scenes)} is waited for`);
         await pause(LOOK, signal);
         continue;
       }

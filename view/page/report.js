@@ -109,9 +109,8 @@ class Page {
         return point === undefined ? null : entry(heading(one), shown(one, point), interval && `95%: ${range(one, interval)}`);
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
-        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${result ? fieldName(result.field) : "newest tenth of training"}`)),
-        h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null,
-        entry(group.runs.length === 1 ? "seed" : "seeds", group.runs.map((run) => run.seed).join(", ")), entry("frames", short(frames))),
+        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
+        h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null, entry("frames", short(frames))),
         this.trained(group),
         group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
@@ -385,7 +384,7 @@ class Page {
     const counting = ([task, found]) => {
       const shares = this.printed(task, found[0].result).filter(({ kind }) => kind === "share");
       const rate = (one, { share, interval }) => over(percent(share), range(one, interval));
-      const rows = found.flatMap(({ group, result }) => result.seeds.map((seed) => [fieldName(result.field), group.label, String(seed.seed), seed.evaluation, count(seed.frames), count(seed.episodes), ...shares.map((one) => rate(one, seed.rates[one.name])), seed.weights.slice(0, 12)]));
+      const rows = found.flatMap(({ group, result }) => result.seeds.map((seed) => [fieldName(result.field), group.label, String(seed.seed), seed.evaluation, count(seed.frames), count(seed.episodes), ...shares.map((one) => rate(one, seed.rates[one.name])), h("small", { style: { "white-space": "nowrap" } }, seed.weights.slice(0, 12))]));
       return table(["episodes of", this.group, "#seed", "evaluation", "#frames", "#episodes", ...shares.map((one) => `#${one.label}`), "weights"], plain(rows));
     };
     return section("runs", "Runs and evaluations", table(["run", ...(this.seeds ? ["group"] : []), "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
@@ -436,4 +435,8 @@ if (place) {
   document.title = "Stillroom report";
   new Page(document.getElementById("content"), JSON.parse(place.textContent));
   document.getElementById(location.hash.slice(1))?.scrollIntoView();
+  // Nobody unfolds a sheet of paper.
+  let folded = [];
+  addEventListener("beforeprint", () => { folded = [...document.querySelectorAll("details:not([open])")]; for (const one of folded) one.open = true; });
+  addEventListener("afterprint", () => { for (const one of folded) one.open = false; });
 }

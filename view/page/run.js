@@ -2,8 +2,8 @@
 
 import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
-import { bytes, count, date, duration, figure, number, outcome, percent, short } from "./format.js";
-import { progress, stateWord } from "./list.js";
+import { bytes, count, date, duration, figure, number, outcome, percent, kitchenName, short } from "./format.js";
+import { named, progress, stateWord } from "./list.js";
 import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
 /** The curves of one run: columns that grow. */
@@ -55,9 +55,9 @@ function stages(live) {
   const { metrics } = live.card;
   const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
   return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Stages" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col" }, label)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col", class: "number" }, label)))),
     h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", { "data-head": "Stage" }, stage.name), h("td", { class: "optional", "data-head": "Reward" }, stage.reward),
-      h("td", { class: "optional", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", { "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
+      h("td", { class: "optional", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage."));
 }
 
@@ -83,15 +83,23 @@ function kitchens(live, run) {
   return [reading, h("div", { class: "scroll" }, h("table", { class: "tight" },
     h("thead", {}, h("tr", {}, ["Kitchen", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
-      h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, String(kitchen.kitchen))),
+      h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
       metrics.map((metric, at) => h("td", {}, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name], 0), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
 }
+
+let unfolded = false;
 
 function workers(live) {
   const alive = ({ pid, stopped }) => pid !== null || stopped;
   const ended = live.workers.filter((worker) => !alive(worker));
+  // Of many actors those are seen of which there is something to say.
+  const quiet = live.workers.filter(({ name, pid, stopped, incarnation, growth }) => name.startsWith("actor") && pid !== null && !stopped && incarnation < 2 && !growth);
+  const folds = quiet.length > 3;
+  const sum = (of) => quiet.reduce((all, worker) => all + (worker[of] ?? 0), 0);
+  const shown = live.workers.filter((worker) => alive(worker) && !(folds && quiet.includes(worker)));
   return [
-    live.workers.some(alive) ? processes(live.workers.filter(alive)) : null,
+    shown.length ? processes(shown) : null,
+    folds ? h("details", { open: unfolded, ontoggle: ({ target }) => { unfolded = target.open; } }, h("summary", { class: "small soft" }, `${quiet.length} actors run: ${number(sum("cores"), 1)} cores, ${bytes(sum("memory_bytes"))}`), processes(quiet)) : null,
     ended.length ? h("details", {}, h("summary", { class: "small soft" }, `${ended.length} ${ended.length === 1 ? "process has" : "processes have"} ended`), processes(ended)) : null,
   ].filter(Boolean);
 }
@@ -134,12 +142,18 @@ class Depths {
   know(live) {
     this.live = live;
     const all = live.kitchens.flatMap(({ kitchen, environments }) => environments.map((environment) => `${kitchen}/${environment}`));
-    if (this.picker.options.length !== all.length + 1) replace(this.picker, h("option", { value: "" }, "add an environment"), all.map((name) => h("option", { value: name }, `kitchen ${name}`)));
+    if (this.picker.options.length !== all.length + 1) replace(this.picker, h("option", { value: "" }, "add an environment"), all.map((name) => h("option", { value: name }, this.called(name))));
     if (live.card.state !== "running") return;
     if (this.chosen === null && all.length) {
-      this.chosen = live.kitchens.slice(0, 1).map(({ kitchen, environments }) => `${kitchen}/${environments[0]}`);
+      this.chosen = (live.kitchens.length < 3 ? all : live.kitchens.map(({ kitchen, environments }) => `${kitchen}/${environments[0]}`)).slice(0, 3);
       this.refresh();
     }
+  }
+
+  /** An environment by its kitchen. */
+  called(name) {
+    const [kitchen, environment] = name.split("/");
+    return `${kitchenName(kitchen, this.live.card.scenes)}/${environment}`;
   }
 
   async refresh() {
@@ -158,7 +172,7 @@ class Depths {
 
   tile(name) {
     const canvas = h("canvas", { width: 224, height: 224, role: "img", "aria-label": `Depth, environment ${name}` });
-    const caption = h("span", {}, `kitchen ${name}`);
+    const caption = h("span", {}, this.called(name));
     const remove = h("button", { class: "small", "aria-label": `Remove environment ${name}`, onclick: () => this.choose(this.chosen.filter((each) => each !== name)) }, "×");
     const link = h("a", {}, canvas);
     const element = h("figure", {}, link, h("figcaption", {}, caption, remove));
@@ -169,14 +183,14 @@ class Depths {
   async draw(name, tile) {
     const run = encodeURIComponent(this.run);
     const key = await json(`/api/runs/${run}/newest/${name}`, { signal: this.signal });
-    if (key === null) { tile.caption.textContent = `kitchen ${name} · no step yet`; return; }
+    if (key === null) { tile.caption.textContent = `${this.called(name)} · no step yet`; return; }
     tile.link.href = `#/run/${run}/episode/${key}`;
     const episode = await json(`/api/runs/${run}/episodes/${key}`, { signal: this.signal });
     const step = episode.moments.length - 1;
     await tile.painter.paint(pictureAddress(this.run, key, { view: "depth", step, width: 224, of: step }), this.signal);
     tile.shown = key;
     tile.canvas.dataset.step = String(step);
-    tile.caption.textContent = [`kitchen ${name}`, episode.target, `step ${step}`].filter(Boolean).join(" · ");
+    tile.caption.textContent = [this.called(name), episode.target, `step ${step}`].filter(Boolean).join(" · ");
   }
 }
 
@@ -232,9 +246,9 @@ function evaluations(cards, { folder }) {
   if (!own.length) return null;
   const { metrics } = own[0];
   const row = (card) => h("tr", {}, h("td", { "data-head": "Evaluation" }, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.folder.slice(card.folder.lastIndexOf("/") + 1))),
-    h("td", { class: "number", "data-head": "Episodes" }, count(card.done)), metrics.map((metric, at) => h("td", { class: at > 1 ? "optional" : null, "data-head": metric.label }, figure(metric, card.figures[metric.name]))));
+    h("td", { class: "number", "data-head": "Episodes" }, count(card.done)), metrics.map((metric, at) => h("td", { class: at > 1 ? "number optional" : "number", "data-head": metric.label }, figure(metric, card.figures[metric.name]))));
   return h("section", { class: "card" }, h("h2", {}, "Evaluations"), h("div", { class: "scroll" }, h("table", { class: "tight fold" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }, at) => h("th", { scope: "col", class: at > 1 ? "optional" : null }, label)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }, at) => h("th", { scope: "col", class: at > 1 ? "number optional" : "number" }, label)))),
     h("tbody", {}, own.map(row)))));
 }
 
@@ -255,11 +269,11 @@ export async function showTogether(root, runs, signal) {
         return metric ? figure(metric, known[metric.name]) : "";
       };
       replace(table,
-        h("thead", {}, h("tr", {}, ["Run", "Progress", ...labels].map((head, at) => h("th", { scope: "col", class: at === 1 ? "optional" : null }, head)))),
+        h("thead", {}, h("tr", {}, ["Run", "Progress", ...labels].map((head, at) => h("th", { scope: "col", class: at === 1 ? "optional" : at ? "number" : null }, head)))),
         h("tbody", {}, own.map((card) => h("tr", {},
-          h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.id), h("div", { class: "faint small" }, `${card.preset} · seed ${card.seed}`)),
+          h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card)), h("div", { class: "faint small" }, `${card.preset} · seed ${card.seed}`)),
           h("td", { class: "optional", "data-head": "Progress" }, stateWord(card.state), h("div", { class: "faint small" }, `${count(card.done)} of ${count(card.budget)}`)),
-          labels.map((label) => h("td", { "data-head": label }, cell(card, label)))))));
+          labels.map((label) => h("td", { class: "number", "data-head": label }, cell(card, label)))))));
       if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw();
       replace(notes);
     } catch (error) {
@@ -288,7 +302,7 @@ export async function showRun(root, run, signal) {
     ? [curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.evaluations, parts.validation)), h("div", { class: "grid" }, h("div", { class: "stack" }, timesCard, workersCard), log)]
     : [thumbnails.element, curves.element, parts.evaluations, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, parts.validation, timesCard, workersCard, log))]);
 
-  let rollouts = -1;
+  let rollouts = -1, subject = null;
   const shown = {};
   const update = (name, element, value, make) => {
     const text = JSON.stringify(value);
@@ -297,8 +311,8 @@ export async function showRun(root, run, signal) {
     replace(element, make());
   };
   const take = (live) => {
-    update("head", head, live.card.state, () => [
-      h("div", { class: "row" }, h("h1", {}, run), stateWord(live.card.state), h("span", { class: "soft small" }, `${live.card.preset} · seed ${live.card.seed}`)),
+    update("head", head, [live.card.state, subject], () => [
+      h("div", { class: "row" }, h("h1", {}, named(live.card)), stateWord(live.card.state), h("span", { class: "soft small" }, live.card.evaluation ? ["evaluation", subject && [" of ", h("a", { href: `#/run/${encodeURIComponent(subject)}` }, subject)], " · "] : null, `${live.card.preset} · seed ${live.card.seed}`)),
       h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
     update("notes", notes, live.notes, () => live.notes.map((note) => notice(note)));
     update("summary", summary, [live.card, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);
@@ -315,8 +329,8 @@ export async function showRun(root, run, signal) {
     for (const [one, many] of [[kitchensCard, live.kitchens], [workersCard, live.workers], [warningsCard, live.warnings]]) one.hidden = !many.length;
     update("log", parts.log, [live.log, live.starts], () => [lines(live.log), h("details", {}, h("summary", { class: "small soft" }, `${live.starts.length} ${live.starts.length === 1 ? "start" : "starts"}`), starts(live)), live.recordings ? h("p", { class: "small faint" }, live.recordings) : null]);
     update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", { class: "fold" },
-      h("thead", {}, h("tr", {}, ["Frames", ...live.card.metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col" }, name)))),
-      h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", { "data-head": "Frames" }, count(one.frames)), live.card.metrics.map((metric) => h("td", { "data-head": metric.label }, figure(metric, one.figures[metric.name]))))))))) : null));
+      h("thead", {}, h("tr", {}, ["Frames", ...live.card.metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col", class: "number" }, name)))),
+      h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", { class: "number", "data-head": "Frames" }, count(one.frames)), live.card.metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, one.figures[metric.name]))))))))) : null));
     depths.know(live);
     thumbnails.know(live);
     if (live.rollouts !== rollouts) {
@@ -328,6 +342,8 @@ export async function showRun(root, run, signal) {
   take(first);
   every(10_000, signal, async () => {
     const cards = await json("/api/runs", { signal }).catch(() => []);
+    // The run that an evaluation is of; its newest event says it.
+    subject = cards.find(({ folder }) => first.card.folder.startsWith(`${folder}/evaluations/`))?.id ?? subject;
     update("evaluations", parts.evaluations, cards, () => evaluations(cards, first.card));
   });
   const events = follow(`/api/runs/${encoded}/live`);

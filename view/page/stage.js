@@ -1,7 +1,7 @@
 // One episode on stage: the room from a free camera, what the robot sees, the floor plan, and what happens.
 
 import { ask, css, h, isDark, json, replace, svg, waiting } from "./dom.js";
-import { action, metres, number, outcome, quantity, signed, words } from "./format.js";
+import { action, metres, number, outcome, kitchenName, quantity, signed, words } from "./format.js";
 
 export function pictureAddress(run, key, query) {
   const search = new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]));
@@ -62,7 +62,7 @@ function framed(canvas, kind, ...over) {
   const element = h("div", { class: `${kind} waits` }, canvas, over, busy);
   const tell = (step) => {
     const { step: shown = String(step) } = canvas.dataset;
-    busy.textContent = shown === String(step) ? "drawing" : `still step ${shown}: drawing step ${step}`;
+    busy.textContent = shown === String(step) ? "drawing" : `step ${shown}; step ${step} is being drawn`;
   };
   return { canvas, element, tell, painter: new Painter(canvas, (waits) => element.classList.toggle("waits", waits)) };
 }
@@ -81,7 +81,7 @@ class OrbitView {
       onkeydown: (event) => this.key(event),
       oncontextmenu: (event) => event.preventDefault(),
     });
-    this.first = h("div", { class: "first" }, waiting("The room is drawn", stage.signal).element);
+    this.first = h("div", { class: "first" }, waiting("The room is being drawn", stage.signal).element);
     Object.assign(this, framed(canvas, "picture", this.first));
     this.home();
   }
@@ -323,7 +323,12 @@ export class Strip {
 export class Stage {
   /** `waits`: called with the reason while the viewer has not read that far. */
   static async open(run, key, signal, waits) {
-    return new Stage(run, key, signal, await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal, waits }));
+    const stage = new Stage(run, key, signal, await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal, waits }));
+    const [kitchen] = key.split("-");
+    // Only the list of runs has the names of scenes.
+    const cards = kitchen >= 128 && kitchen < 256 ? await json("/api/runs", { signal }) : [];
+    stage.place = kitchenName(kitchen, cards.find(({ id }) => id === run)?.scenes);
+    return stage;
   }
 
   constructor(run, key, signal, episode) {
@@ -349,9 +354,18 @@ export class Stage {
 
   /** What is to be said above the pictures. */
   title() {
-    const [kitchen, environment, number] = this.key.split("-");
-    const place = [this.episode.target, `kitchen ${kitchen}`].filter(Boolean).join(", ");
-    return h("div", { class: "row" }, h("h1", {}, place), h("span", { class: this.kind() }, outcome(this.episode.outcome)), h("span", { class: "soft small" }, `environment ${environment}, episode ${number}, ${this.last} steps`));
+    const [, environment, number] = this.key.split("-");
+    return h("div", { class: "row" }, h("h1", {}, [this.episode.target, this.place].filter(Boolean).join(", ")), h("span", { class: this.kind() }, this.ended()), h("span", { class: "soft small" }, `environment ${environment}, episode ${number}, ${this.last} steps`));
+  }
+
+  /** How it ended, and what kept it from ending better. */
+  ended() {
+    const { outcome: ended, moments, task } = this.episode;
+    const { channels } = moments.at(-1);
+    const limited = task.channels.find(({ name }) => name === limit(task)?.channel);
+    const [far] = channels.object_goal_m ?? channels.goal_distance_m ?? [];
+    const why = task.successes.indexOf(ended) > 0 && limited && channels[limited.name] ? quantity(limited, channels[limited.name]) : ended === "failure" && far !== undefined ? `${metres(far, 2)} from the goal` : null;
+    return [outcome(ended), why].filter(Boolean).join(", ");
   }
 
   /** Whether it ended well, as a class: the first success demands most. */
@@ -376,15 +390,25 @@ export class Stage {
     return h("p", { class: "small faint" }, `Simulated again from its actions; all ${compared} states are as recorded.`);
   }
 
-  show(step) {
+  show(step) { this.paint(step); this.tell(); }
+
+  /** Asks for a step's pictures. */
+  paint(step) {
     this.step = CLAMP(step, 0, this.last);
-    const now = this.episode.moments[this.step];
     this.orbit.step = this.step;
     this.orbit.draw();
     const { depth, step: wanted } = this;
     depth.canvas.setAttribute("aria-label", `What the robot's depth camera sees at step ${wanted}`);
     depth.tell(wanted);
     depth.painter.paint(this.address({ view: "depth", step: wanted, width: 224 }), this.signal).then((painted) => { if (painted) { depth.canvas.dataset.step = String(wanted); depth.tell(this.step); } }, (error) => this.fail(error));
+  }
+
+  /** Whether the pictures are of the step that was asked for, or never will be. */
+  isPainted() { return !this.problem.hidden || [this.orbit, this.depth].every(({ canvas }) => canvas.dataset.step === String(this.step)); }
+
+  /** Says what there is to say of the step. */
+  tell() {
+    const now = this.episode.moments[this.step];
     this.plan.draw(this.step);
     const { task } = this.episode;
     const limited = task.channels.find(({ name }) => name === limit(task)?.channel);

@@ -33,6 +33,12 @@ pub struct Card {
     /// In addresses; never a path.
     pub id: String,
     pub folder: String,
+    /// The suite that it is of.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub suite: Option<String>,
+    /// What its scenes are called, by number from that of the first scene on.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub scenes: Vec<String>,
     /// Preset or, of an evaluation, what it evaluates.
     pub preset: String,
     pub seed: u64,

@@ -1,4 +1,4 @@
-use crate::suite;
+use crate::suite::is_suite;
 use crate::tui::session::show;
 use crate::viewer::RunReaders;
 use anyhow::{Context, Result, bail, ensure};
@@ -18,7 +18,7 @@ use view::data::Runs;
   orchestrator top                                 the newest run below runs/
   ssh -t HOST orchestrator top /data/runs/a        one on another machine")]
 pub struct TopArgs {
-    /// Run folder, or that of an evaluation [default: the newest below runs/]
+    /// Run folder, or that of an evaluation, or of a suite: its run at work [default: the newest below runs/]
     #[arg(value_name = "RUN")]
     run: Option<PathBuf>,
 }
@@ -28,8 +28,8 @@ const NICENESS: i32 = 10;
 
 pub fn run(args: &TopArgs) -> Result<()> {
     let (readers, run) = match &args.run {
+        Some(folder) if is_suite(folder) => newest(folder, true)?,
         Some(folder) => {
-            suite::refuse(folder)?;
             // Refuses what is no run, with the reason.
             crate::run::identity::Identity::read(&proto::run_folder::RunFolder::new(folder))?;
             let readers = RunReaders::of(vec![folder.clone()]);
@@ -37,7 +37,7 @@ pub fn run(args: &TopArgs) -> Result<()> {
             let name = name.with_context(|| format!("{} is not the folder of a run", folder.display()))?;
             (readers, name)
         }
-        None => newest(Path::new("runs"))?,
+        None => newest(Path::new("runs"), false)?,
     };
     ensure!(
         std::io::stdout().is_terminal(),
@@ -54,11 +54,12 @@ pub fn run(args: &TopArgs) -> Result<()> {
     show(readers, run)
 }
 
-/// The newest run below a folder, evaluations left out.
-fn newest(folder: &Path) -> Result<(RunReaders, String)> {
+/// The newest run below a folder, evaluations left out; of a suite what is at work before that.
+fn newest(folder: &Path, suite: bool) -> Result<(RunReaders, String)> {
     ensure!(folder.is_dir(), "no run yet: `orchestrator up` starts one; or give the folder of a run");
     let readers = RunReaders::of(vec![folder.to_path_buf()]);
-    let newest = readers.list().into_iter().find(|card| !card.evaluation && card.problem.is_none());
+    let runs = readers.list().into_iter().filter(|card| card.problem.is_none() && (suite || !card.evaluation));
+    let newest = runs.min_by_key(|card| (suite && card.state != "running", card.evaluation));
     let newest =
         newest.with_context(|| format!("there is no run below {}/: give the folder of one", folder.display()))?;
     Ok((readers, newest.id))

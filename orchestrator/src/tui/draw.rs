@@ -12,6 +12,8 @@ use std::time::Duration;
 use view::data::{Card, Live};
 
 const HEAD: u16 = 4;
+/// Columns of a run's name at least.
+const NAME: usize = 12;
 const CHART_COLUMNS: u16 = 25;
 const CHART_LINES: [u16; 2] = [6, 16];
 /// Columns of a kitchen's number and episodes, of both rates and the disturbance, with the frame.
@@ -52,7 +54,7 @@ fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
         (true, _) => {
             vec![Constraint::Length(44), Constraint::Fill(1), Constraint::Length((area.width / 3).clamp(KITCHENS, 68))]
         }
-        (false, true) => vec![Constraint::Length(44.min(area.width / 2 + 2)), Constraint::Fill(1)],
+        (false, true) => vec![Constraint::Length(44.min(area.width / 2 + 4)), Constraint::Fill(1)],
         (false, false) => vec![Constraint::Fill(1)],
     };
     let places = Layout::horizontal(widths).split(area);
@@ -80,15 +82,24 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
     let wall = Duration::try_from_secs_f64(live.wall_s).unwrap_or_default();
     let starts = if live.starts.len() > 1 { format!("  {} starts", live.starts.len()) } else { String::new() };
     let mut title = vec![
-        Span::from(format!(" {}  ", end_of(&printable(&card.folder), usize::from(area.width) / 2))).bold(),
         state,
         Span::from(format!("  {}, seed {}  {}{starts}", printable(&card.preset), card.seed, format::duration(wall))),
     ];
     // What the colours of the curves are.
-    let stages = live.stages.iter().enumerate().filter(|_| live.stages.len() > 1);
-    title.extend(stages.map(|(index, stage)| {
-        Span::from(format!("  ━ stage {}", printable(&stage.name))).fg(panels::STAGES[index % panels::STAGES.len()])
-    }));
+    let stages = live.stages.iter().enumerate().filter(|_| live.stages.len() > 1 && !card.evaluation);
+    let mut stages: Vec<Span> = stages
+        .map(|(index, stage)| {
+            Span::from(format!("  ━ stage {}", printable(&stage.name))).fg(panels::STAGES[index % panels::STAGES.len()])
+        })
+        .collect();
+    let wide = |spans: &[Span]| spans.iter().map(Span::width).sum::<usize>();
+    let left = usize::from(area.width).saturating_sub(wide(&title) + 3);
+    if left < wide(&stages) + NAME {
+        stages.clear();
+    }
+    let name = end_of(&printable(&card.folder), left.saturating_sub(wide(&stages)).max(NAME));
+    title.insert(0, Span::from(format!(" {name}  ")).bold());
+    title.extend(stages);
     frame.render_widget(Paragraph::new(Line::from(title)), first);
     frame.render_widget(progress(live), second);
     frame.render_widget(Paragraph::new(throughput(live, third.width)), third);

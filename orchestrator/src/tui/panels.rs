@@ -92,7 +92,7 @@ pub fn processes(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     );
     let (shown, more) = window(live.workers.len(), model.scrolled, usize::from(area.height.saturating_sub(3)));
     let rows = live.workers[shown].iter().map(process_row).chain(more.map(|more| Row::new([more])));
-    let widths = [11, 7, 8, 6, 5].map(Constraint::Length);
+    let widths = [12, 7, 8, 6, 5].map(Constraint::Length);
     let head = Row::new(["process", "pid", "restarts", "starts", "cores"]).bold();
     let table = Table::new(rows, widths).header(head).block(Block::bordered().title(title));
     frame.render_widget(table, area);
@@ -147,6 +147,9 @@ fn log(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
         shown.extend(pieces.into_iter().rev());
     }
     shown.reverse();
+    if lines.is_empty() {
+        shown.push(Line::from("none"));
+    }
     frame.render_widget(Paragraph::new(shown).block(Block::bordered().title(title)), area);
 }
 

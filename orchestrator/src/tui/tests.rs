@@ -169,7 +169,7 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     assert!(known > 8 && usual.contains(&format!("…{} more", 19 - known)), "{usual}");
     assert!(usual.contains("kitchen episodes SR     SRwoD  disturbance"), "{usual}");
     assert!(
-        usual.contains("restarts starts cores") && usual.contains("actor-01    –       2        3      –"),
+        usual.contains("restarts starts cores") && usual.contains("actor-01     –       2        3      –"),
         "{usual}"
     );
     assert_eq!(counts(&screen(&model, 80, 24).join("\n")), 0);

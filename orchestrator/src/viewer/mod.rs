@@ -72,7 +72,7 @@ impl RunReader {
         let left = || until.saturating_duration_since(Instant::now());
         let slow = || {
             let folder = self.entry.folder.root().display();
-            Problem::NotYet(format!("{folder} is still being read: it is large, or its disk is slow"))
+            Problem::NotYet(format!("{folder} is still being read: it is large, or the disk or processor is busy"))
         };
         let watched = self.watched.lock().unwrap_or_else(PoisonError::into_inner);
         let free = self.free.wait_timeout_while(watched, left().min(TURN), |watched| watched.is_none());

@@ -1,10 +1,12 @@
+use crate::suite::is_suite;
 use proto::evaluation::RESULT_FILE;
 use proto::run_folder::{Item, RunFolder};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use view::data::Card;
 
-const DEPTH: usize = 3;
+/// A suite's folder, its runs, one of them, its evaluations.
+const DEPTH: usize = 4;
 const RUNS_MAX: usize = 2000;
 const FOLDERS_MAX: usize = 20_000;
 const PROBLEMS_MAX: usize = 10;
@@ -14,11 +16,13 @@ pub struct Entry {
     /// In addresses: letters, digits, `-`, `_` and `.`; never a path.
     pub id: String,
     pub folder: RunFolder,
+    suite: Option<String>,
 }
 
 impl Entry {
     pub fn card(&self) -> Card {
-        Card { id: self.id.clone(), folder: self.folder.root().display().to_string(), ..Card::default() }
+        let (id, suite) = (self.id.clone(), self.suite.clone());
+        Card { id, suite, folder: self.folder.root().display().to_string(), ..Card::default() }
     }
 }
 
@@ -66,10 +70,16 @@ impl Roster {
         let is_free = |id: &str| self.named.iter().all(|(_, known)| known.id != id);
         let numbered = (2..).map(|number| format!("{name}-{number}"));
         let id = std::iter::once(name.clone()).chain(numbered).find(|id| is_free(id)).unwrap_or_default();
-        let entry = Entry { id, folder };
+        let entry = Entry { id, folder, suite: suite_of(&place) };
         self.named.push((place, entry.clone()));
         entry
     }
+}
+
+/// The suite of a run or of a run's evaluation.
+fn suite_of(place: &Path) -> Option<String> {
+    let suite = [2, 4].into_iter().filter_map(|up| place.ancestors().nth(up)).find(|root| is_suite(root))?;
+    Some(suite.file_name()?.to_string_lossy().into_owned())
 }
 
 /// A folder's name with nothing in it that means something in an address. An evaluation in a run's folder is called
@@ -151,6 +161,19 @@ mod tests {
         assert_eq!(said, ["2000 runs were found, or 20000 folders looked at: the others are left out"]);
         std::fs::remove_dir_all(root.path().join("7")).unwrap();
         assert_eq!((roster.look().len(), roster.left_out.len()), (RUNS_MAX, 0));
+    }
+
+    #[test]
+    fn runs_of_a_suite_and_their_evaluations_are_found_with_its_name() {
+        let root = tempfile::tempdir().unwrap();
+        for path in ["alone", "mini/runs/a", "mini/runs/a/evaluations/b"] {
+            run(root.path(), path);
+        }
+        std::fs::write(root.path().join("mini/suite.toml"), "").unwrap();
+        let cards = Roster::of(vec![root.path().to_path_buf()]).look().iter().map(Entry::card).collect::<Vec<_>>();
+        let mut found: Vec<_> = cards.iter().map(|card| (card.id.as_str(), card.suite.as_deref())).collect();
+        found.sort_unstable();
+        assert_eq!(found, [("a", Some("mini")), ("a.b", Some("mini")), ("alone", None)]);
     }
 
     #[test]

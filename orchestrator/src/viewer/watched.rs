@@ -21,7 +21,7 @@ use crate::training::scores::{Score, Scores, result_folder};
 use crate::training::summary::Summary;
 use crate::training::wall::{Wall, elapsed_s, signs_of_life};
 use anyhow::{Context, Result};
-use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
+use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST, read_text};
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table_from};
 use proto::replay::{RecordedEpisode, ReplaySetup};
@@ -175,6 +175,7 @@ impl Watched {
             elsewhere: config.environment.is_some(),
             metrics: config.spec().shown(),
             note: self.left_out.first().cloned(),
+            scenes: scene_names(config, &self.folder),
             ..self.entry.card()
         };
         if let Some(standing) = Progress::read(&self.folder, config)? {
@@ -513,6 +514,15 @@ fn workers(logs: &BTreeMap<String, Log>, processes: &[Process], growing: &BTreeM
 fn validated(spec: &Spec, score: Score) -> Validated {
     let Score { rollout, frames, figures, .. } = score;
     Validated { rollout, frames, figures: spec.with_quotients(figures) }
+}
+
+/// Scenes by their glTF files, whose names copies keep.
+fn scene_names(config: &Config, folder: &RunFolder) -> Vec<String> {
+    let name = |scene: &String| {
+        let file: toml::Table = read_text(&folder.root().join(scene)).ok()?.parse().ok()?;
+        Some(Path::new(file.get("gltf")?.as_str()?).file_stem()?.to_string_lossy().into_owned())
+    };
+    config.scenes.iter().map(|scene| name(scene).unwrap_or_else(|| scene.clone())).collect()
 }
 
 fn kitchens(spec: &Spec, episode_index: &EpisodeIndex) -> Vec<Kitchen> {

@@ -158,7 +158,7 @@ fn what_is_waited_for_is_said(browser: &mut Browser) {
     );
     browser.wait_for("planted.root.textContent.includes('simulated again … 2 s')");
     browser.value("planted.go()");
-    browser.wait_for("planted.root.querySelector('.picture')?.textContent.includes('The room is drawn … 1 s')");
+    browser.wait_for("planted.root.querySelector('.picture')?.textContent.includes('The room is being drawn … 1 s')");
     // The room, what the robot sees, and the floor plan say that they are not there yet.
     assert_eq!(browser.value("planted.root.querySelectorAll('.waits > .busy').length"), 3);
     browser.value("planted.leaving.abort(); window.fetch = planted.own; 0");
