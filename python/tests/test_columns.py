@@ -104,7 +104,7 @@ class Coupled(SyncVectorEnv):
 
 def test_a_vector_that_a_run_cannot_rebuild_is_refused_in_a_sentence():
     for kind in (Deaf, Coupled):
-        with pytest.raises(Refused, match=r"it does not repeat itself.*reset_mask"):
+        with pytest.raises(Refused, match=r"the environment does not repeat itself.*reset_mask"):
             prove(Among(vector(AutoresetMode.NEXT_STEP, kind)), Walk)
     with pytest.raises(Refused, match="takes no seed for each column"):
         prove(Among(Vector(gymnasium.make_vec("CartPole-v1", 3, vectorization_mode="vector_entry_point"))), Walk)

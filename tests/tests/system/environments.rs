@@ -217,7 +217,7 @@ fn an_environment_is_restored_as_it_declares() {
     workshop.run("none").assert_nothing_left();
     place.orchestrator(&["replay", "none", "--check"]).refused("cannot be restored");
     for class in ["Forgetful", "Claiming"] {
-        complete(place.of_numbers("refused", &own(class), &[])).refused("it does not repeat itself");
+        complete(place.of_numbers("refused", &own(class), &[])).refused("the environment does not repeat itself");
     }
     let child = start(place.of_numbers("other", &own("ByProcess"), &[]));
     workshop.run("other").wait_for_rollouts(1);
