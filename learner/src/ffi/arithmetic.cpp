@@ -22,7 +22,7 @@ Pin pins[] = {
 #if defined(__aarch64__)
     // NEON: some processors have SVE, whose vectors and so sums are others.
     {"ATEN_CPU_CAPABILITY", "default", nullptr},
-    {"ONEDNN_MAX_CPU_ISA", "ASIMD", nullptr},
+    {"ONEDNN_MAX_CPU_ISA", "ADVANCED_SIMD", nullptr},
 #else
     {"ATEN_CPU_CAPABILITY", "avx2", nullptr},
     {"ONEDNN_MAX_CPU_ISA", "AVX2", nullptr},
