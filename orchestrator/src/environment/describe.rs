@@ -23,7 +23,7 @@ pub struct Answer {
     pub environments: Option<u32>,
 }
 
-/// Tries the environment, and asks it what it is. `declaration`: TOML that has channels.
+/// Tries the environment, which describes itself. `declaration`: TOML that has channels.
 pub fn describe(environment: &EnvironmentConfig, declaration: &str) -> Result<Answer> {
     let mut words = vec!["--describe"];
     let declared = declaration.parse::<toml::Table>()?.get("channels").map(serde_json::to_string).transpose()?;
