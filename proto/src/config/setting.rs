@@ -188,8 +188,12 @@ mod tests {
             ("ppo.overlap=3", "expected true or false, found `3`"),
             ("ppo=4", "expected a table, found `4`"),
             ("scenes=3", "expected a list, found `3`"),
-            ("stages.0.frames=10", "expected a list, found a table: a list is set whole"),
-            ("auxiliary.task=disturbance", "(did you mean `disturb`?)"),
+            ("stages.0.frames=10", "expected a list, found a table: a list is set whole, as in 'stages=[{ ... }]'"),
+            (
+                "auxiliary.task=disturbance",
+                "unknown value `disturbance`, expected one of `none`, `disturb`, `inverse_dynamics`, `cpca16` (did you \
+                 mean `disturb`?)",
+            ),
             ("ppo.epochs=[1]", "expected a whole number from 0 to 4294967295, found a list"),
             ("learner.device=x", "unknown value `x`, expected one of `auto`, `cpu`, `cuda`"),
         ] {

@@ -120,7 +120,7 @@ const TYPED: &[(&str, &str)] = &[
     ("up --preset demo --run policy.json", "policy.json is a file, or below one: choose another folder"),
     ("up --preset demo --run runs/a", "for another run choose another folder"),
     ("config --of nowhere", "nowhere does not exist"),
-    ("resume runs/a --frames 60", "100"),
+    ("resume runs/a --frames 60", "frames already, and a budget cannot take them back"),
     ("config --set auxiliary.task=disturbance", "(did you mean `disturb`?)"),
     ("config demo --set task=pick", "tasks: arm_point_nav, point_nav"),
     ("config --set stages.0.frames=10", "a list is set whole"),
