@@ -47,17 +47,13 @@ pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigE
     toml::from_str(text).map_err(|error: toml::de::Error| {
         let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1);
         let origin = origin.to_owned();
-        match unknown_field(error.message()) {
-            Some((key, valid)) => {
-                let nearest = nearest(&key, valid.iter().map(String::as_str));
-                ConfigError::UnknownKey { origin, line, key, nearest }
-            }
-            None => {
-                let is_other = [".yaml", ".yml", ".json"].iter().any(|end| origin.ends_with(end));
-                let remark = if is_other { ": it must be TOML" } else { "" };
-                ConfigError::Invalid { origin, line, problem: in_plain_words(error.message()) + remark }
-            }
+        if let Some((key, valid)) = unknown_field(error.message()) {
+            let nearest = nearest(&key, valid.iter().map(String::as_str));
+            return ConfigError::UnknownKey { origin, line, key, nearest };
         }
+        let is_other = [".yaml", ".yml", ".json"].iter().any(|end| origin.ends_with(end));
+        let remark = if is_other { ": it must be TOML" } else { "" };
+        ConfigError::Invalid { origin, line, problem: in_plain_words(error.message()) + remark }
     })
 }
 

@@ -136,13 +136,7 @@ impl Spec {
         actions.check()?;
         channels.iter().try_for_each(Channel::check)?;
         check_masks(&actions, &channels)?;
-        if let Restore::Snapshot { bytes } = restore {
-            let valid = (1..=Restore::SNAPSHOT_BYTES_MOST).contains(&bytes);
-            valid.then_some(()).ok_or(SpecError::Snapshot { bytes })?;
-        }
-        if restore == Restore::None {
-            channels.iter().try_for_each(Channel::check_nothing)?;
-        }
+        check_restore(restore, &channels)?;
         let (layout, text) = (Layout::of(&actions, &channels, restore), text.to_owned());
         // Each has a bit of a record's header.
         at_most("images, and sums of them", layout.images.len(), u32::BITS as usize)?;
@@ -202,6 +196,16 @@ impl Spec {
             at_most("terms in a reward", reward.terms.len(), DECLARED_MOST)?;
         }
         check_names(self.rewards.iter().chain(own).map(|reward| &*reward.name))
+    }
+}
+
+fn check_restore(restore: Restore, channels: &[Channel]) -> Result<(), SpecError> {
+    match restore {
+        Restore::Snapshot { bytes } if !(1..=Restore::SNAPSHOT_BYTES_MOST).contains(&bytes) => {
+            Err(SpecError::Snapshot { bytes })
+        }
+        Restore::None => channels.iter().try_for_each(Channel::check_nothing),
+        _ => Ok(()),
     }
 }
 
