@@ -19,8 +19,8 @@ use std::time::{Duration, Instant};
 ///
 /// Trains the demonstration's first frames twice on the CPU, where the same seed gives the same weights on every
 /// x86-64 processor: once undisturbed, once killed on the way and resumed. Both must end in the weights that this version
-/// is known to give, on ARM in the same ones. It takes up to two minutes on two cores, and leaves nothing behind; if
-/// something is wrong its runs stay, and are named.
+/// is known to give; on ARM both in the same weights. It takes up to two minutes on two cores, and leaves nothing
+/// behind; if something is wrong its runs stay, and are named.
 #[derive(Debug, clap::Args)]
 pub struct TestArgs {}
 

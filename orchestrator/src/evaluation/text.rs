@@ -131,9 +131,9 @@ pub fn shown(one: &Described, figure: Option<f64>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::played;
+    use crate::evaluation::testing::{conditions, played};
     use proto::config::Config;
-    use proto::evaluation::{Conditions, EpisodeRecord, ObjectSet, Subject};
+    use proto::evaluation::{EpisodeRecord, ObjectSet, Subject};
     use proto::kitchen::KitchenId;
 
     fn result(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Vec<String> {
@@ -141,27 +141,10 @@ mod tests {
     }
 
     fn evaluation(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Evaluation {
-        let config = Config::default();
-        let [preset, weights, device] = ["", "", ""].map(str::to_owned);
+        let [preset, weights] = ["", ""].map(str::to_owned);
         let (run, run_id, checkpoint) = (None, None, None);
         let subject = Subject { preset, seed: 1, run, run_id, checkpoint, frames: 0, weights, parameters: 0 };
-        let conditions = Conditions {
-            split: Split::Test,
-            procedural: None,
-            scenes: Vec::new(),
-            objects,
-            episodes: 1,
-            distribution: Distribution::Fixed,
-            start_distance_max_m: 0.0,
-            goal_distance_max_m: 0.0,
-            deterministic: false,
-            seed: 1,
-            max_steps: 200,
-            action_space: config.episode.action_space,
-            actors: 5,
-            environments_per_actor: 1,
-            device,
-        };
+        let conditions = conditions(&Config::default(), Split::Test, objects);
         Evaluation::of(spec, subject, conditions, Cost::default(), &[(record, vec![])])
     }
 

@@ -258,7 +258,8 @@ class Network(nn.Module):
         channels: list[dict[str, Any]] | None = None,
     ) -> Network:
         """The network that weights belong to: names and shapes give all but `goal`, `activation`,
-        `observation_clip`, `masked`, `channels` (an own environment's) and the actions' form. Heads of auxiliary tasks are left out."""
+        `observation_clip`, `masked`, `channels` (an own environment's) and the actions' form. Heads of auxiliary tasks
+        are left out."""
 
         def widths(path: str) -> list[int]:
             """Outputs of a Sequential's linear layers."""
@@ -467,9 +468,10 @@ class Network(nn.Module):
 
         Args:
             observations: of an environment of your own its channels by their names; those of a `VectorEnv`, arrays or
-                tensors: depth [rows, 224, 224], goal [rows, 3], and previous_action [rows]. In a task without a frame numbers [rows, numbers] instead of depth and goal; in
-                a task with masks action_mask [rows, actions], true where an option may be chosen. Any other image as
-                `images.NAME`, as it was observed. What the critic alone is given as `privileged`, or none of it.
+                tensors: depth [rows, 224, 224], goal [rows, 3], and previous_action [rows]. In a task without a frame
+                numbers [rows, numbers] instead of depth and goal; in a task with masks action_mask [rows, actions],
+                true where an option may be chosen. Any other image as `images.NAME`, as it was observed. What the
+                critic alone is given as `privileged`, or none of it.
             belief: as `begin` has it; zeros where an episode begins.
 
         Returns:
