@@ -21,6 +21,8 @@ pub struct Model {
     /// sRGB colour of each body where a section cuts it.
     pub sections: Vec<Rgb>,
     pub movable: Vec<bool>,
+    /// Bodies that no shadow falls on: light is kept from picture to picture, and they move.
+    pub open: Vec<bool>,
 }
 
 impl Model {
@@ -62,8 +64,8 @@ impl Model {
     pub fn add_robot(&mut self, poses: &PartPoses, with_body: bool) {
         for piece in pieces().iter().filter(|piece| with_body || piece.part != 0) {
             self.add(&piece.shape, &poses[piece.part], piece.colour, false);
-            self.sections.pop();
-            self.sections.push(piece.colour);
+            let body = self.colours.len() - 1;
+            (self.sections[body], self.open[body]) = (piece.colour, true);
         }
     }
 
@@ -84,6 +86,7 @@ impl Model {
         self.colours.push(colour);
         self.sections.push(palette::SECTION);
         self.movable.push(movable);
+        self.open.push(false);
         for corners in triangles_of(shape) {
             let corners = corners.map(|corner| *world_from_body * Vec3::from(corner));
             let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();

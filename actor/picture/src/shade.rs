@@ -55,6 +55,7 @@ struct Sample {
     depth_m: f32,
     /// Where light falls on it; none where a section or nothing is shown.
     lit: Option<Vec3>,
+    open: bool,
     /// Cosine between the surface's normal and the ray back to the camera.
     facing: f32,
 }
@@ -79,7 +80,7 @@ impl Exposure {
         (0..self.samples.len()).map(|index| {
             let sample = &self.samples[index];
             let point = sample.lit.filter(|_| self.first(index) == index)?;
-            Some(Lit { point, normal: sample.normal })
+            Some(Lit { point, normal: sample.normal, open: sample.open })
         })
     }
 
@@ -180,8 +181,15 @@ fn cut<'a>(model: &'a Model, camera: &'a Camera) -> impl Iterator<Item = [Vec3; 
 
 fn sample(model: &Model, camera: &Camera, visible: &Visible, index: usize, inks: &Inks) -> Sample {
     let number = visible.triangle[index];
-    let nothing =
-        Sample { colour: [0.0; 3], body: NOTHING, normal: Vec3::ZERO, depth_m: f32::MAX, lit: None, facing: 1.0 };
+    let nothing = Sample {
+        colour: [0.0; 3],
+        body: NOTHING,
+        normal: Vec3::ZERO,
+        depth_m: f32::MAX,
+        lit: None,
+        open: false,
+        facing: 1.0,
+    };
     if number == NOTHING {
         return Sample { colour: inks.background, ..nothing };
     }
@@ -205,6 +213,7 @@ fn sample(model: &Model, camera: &Camera, visible: &Visible, index: usize, inks:
         normal: triangle.normal,
         depth_m: in_camera.z,
         lit: Some(camera.camera_from_world.inverse_transform_point(in_camera)),
+        open: model.open[body as usize],
         facing,
     }
 }

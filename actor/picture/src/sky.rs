@@ -23,6 +23,8 @@ const SLACK_M: f32 = 0.012;
 pub struct Lit {
     pub point: Vec3,
     pub normal: Vec3,
+    /// Nothing stands between it and the lamps.
+    pub open: bool,
 }
 
 /// Light that falls onto each point: 1 for a floor under the open dome. Lamp after lamp, so that only one lamp's
@@ -52,7 +54,7 @@ fn shine(lamps: impl Iterator<Item = impl Borrow<Lamp>>, points: &[Lit]) -> Vec<
         for (sum, lit) in sums.iter_mut().zip(points) {
             let slant = lit.normal.dot(lamp.towards);
             if slant > 0.0 {
-                *sum += slant * lamp.reaches(lit.point + lit.normal * LIFT_M);
+                *sum += slant * if lit.open { 1.0 } else { lamp.reaches(lit.point + lit.normal * LIFT_M) };
             }
         }
         full += lamp.up;
@@ -111,11 +113,12 @@ mod tests {
         let block = |x: f32, y: f32, z: f32| Shape::of(Primitive::Cuboid { half_extents_m: Vec3::new(x, y, z) });
         model.add(&block(4.0, 0.05, 4.0), &Pose3::translation(0.0, -0.05, 0.0), [255; 3], false);
         model.add(&block(0.05, 2.0, 4.0), &Pose3::translation(-1.05, 2.0, 0.0), [255; 3], false);
-        let at = |x: f32| Lit { point: Vec3::new(x, 0.0, 0.0), normal: Vec3::Y };
+        let at = |x: f32| Lit { point: Vec3::new(x, 0.0, 0.0), normal: Vec3::Y, open: false };
         let light = light(&model, &[at(3.8), at(-0.95), at(-1.05)]);
         assert!(light[0] > 0.9, "far from the wall: {}", light[0]);
         // A high wall hides half of the dome.
         assert!((light[1] - 0.5).abs() < 0.1, "beside it: {}", light[1]);
         assert!(light[2] < 0.05, "under it: {}", light[2]);
+        assert_eq!(super::light(&model, &[Lit { open: true, ..at(-1.05) }]), [1.0]);
     }
 }

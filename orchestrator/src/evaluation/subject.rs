@@ -167,7 +167,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
 
 /// What to name instead of a folder that is no run.
 fn advice(folder: &Path) -> String {
-    let files = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let files = RunFolder::new(folder).list(folder).unwrap_or_default().into_iter().map(|item| item.path);
     let policy = files.filter(|path| path.extension().is_some_and(|kind| kind == "safetensors")).min();
     let policy = policy.map(|path| format!("name the policy file {}", path.display()));
     policy.unwrap_or_else(|| {

@@ -21,7 +21,7 @@ use crate::training::scores::{Score, Scores, result_folder};
 use crate::training::summary::Summary;
 use crate::training::wall::{Wall, elapsed_s, signs_of_life};
 use anyhow::{Context, Result};
-use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST, read_text};
+use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table_from};
 use proto::replay::{RecordedEpisode, ReplaySetup};
@@ -519,7 +519,7 @@ fn validated(spec: &Spec, score: Score) -> Validated {
 /// Scenes by their glTF files, whose names copies keep.
 fn scene_names(config: &Config, folder: &RunFolder) -> Vec<String> {
     let name = |scene: &String| {
-        let file: toml::Table = read_text(&folder.root().join(scene)).ok()?.parse().ok()?;
+        let file: toml::Table = folder.read_text(&folder.root().join(scene)).ok()?.parse().ok()?;
         Some(Path::new(file.get("gltf")?.as_str()?).file_stem()?.to_string_lossy().into_owned())
     };
     config.scenes.iter().map(|scene| name(scene).unwrap_or_else(|| scene.clone())).collect()

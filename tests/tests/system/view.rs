@@ -1,9 +1,10 @@
 //! `orchestrator view` beside real runs: what it tells is what the files hold, and the run is the same with it.
 
 use proto::run_folder::RunFolder;
+use rustix::process::Signal;
 use serde_json::Value;
 use std::path::Path;
-use system_tests::{Viewer, Workshop, complete, finish, start, wait_until};
+use system_tests::{Viewer, Workshop, complete, finish, signal, start, wait_until};
 
 const ACTORS: u32 = 2;
 const ENVIRONMENTS: u32 = 2;
@@ -29,6 +30,9 @@ fn a_run_is_shown_while_it_trains_and_trains_as_if_nobody_looked() {
     let child = start(workshop.up("runs/watched", ACTORS, ENVIRONMENTS, FRAMES));
     let run = workshop.run("runs/watched");
     run.wait_for_rollouts(2);
+    // On a busy machine the run would end, and its processes with it, before they are listed.
+    let actor = run.processes("--actor 1 ")[0];
+    signal(actor, Signal::STOP);
     wait_until("it is in the list", || viewer.json("/api/runs").as_array().is_some_and(|runs| !runs.is_empty()));
     let live = viewer.json("/api/runs/watched");
     assert_eq!(live["card"]["budget"], FRAMES);
@@ -37,6 +41,7 @@ fn a_run_is_shown_while_it_trains_and_trains_as_if_nobody_looked() {
     for name in ["learner-0", "actor-00", "actor-01"] {
         assert!(names.contains(&name), "{names:?}");
     }
+    signal(actor, Signal::CONT);
     assert_eq!(finish(child).result(), alone, "whoever looks, the weights are the same");
 
     wait_until("it is known to be complete", || viewer.json("/api/runs")[0]["state"] == "complete");
