@@ -18,6 +18,7 @@ mod storyboard;
 mod view;
 mod viewpoint;
 mod visible;
+mod walls;
 
 pub use canvas::{Canvas, PictureError, Rgb};
 pub use declared::{action_name, captions, target, target_name, task};

@@ -1,6 +1,8 @@
+use super::camera::Camera;
 use super::canvas::Rgb;
 use super::palette;
 use super::robot::pieces;
+use super::walls::Wall;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::mesh::triangles_of;
@@ -23,6 +25,7 @@ pub struct Model {
     pub movable: Vec<bool>,
     /// Bodies that no shadow falls on: light is kept from picture to picture, and they move.
     pub open: Vec<bool>,
+    walls: Vec<Wall>,
 }
 
 impl Model {
@@ -41,11 +44,16 @@ impl Model {
     pub fn fixed_of(kitchen: &Kitchen) -> Self {
         let mut model = Self::default();
         let fixed = kitchen.static_bodies();
+        let mut walls = Vec::new();
         for (body, pose) in kitchen.bodies()[fixed.clone()].iter().zip(&kitchen.settled_poses()[fixed]) {
+            if body.category == "Wall" {
+                walls.push(model.colours.len() as u32);
+            }
             if body.category != "Ceiling" {
                 model.add(&body.shape, pose, palette::colour(&body.category, kitchen.id().number()), false);
             }
         }
+        model.walls = Wall::of(&model, |body| walls.contains(&body));
         model
     }
 
@@ -92,6 +100,16 @@ impl Model {
             let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
             self.triangles.push(Triangle { corners, normal, body });
         }
+    }
+
+    /// Its triangles and their numbers without the walls that hide the room from this camera.
+    pub fn before(&self, camera: &Camera) -> impl Iterator<Item = (u32, &Triangle)> + '_ {
+        let eye = camera.camera_from_world.inverse().translation;
+        let mut left_out = vec![false; self.colours.len()];
+        for body in self.walls.iter().filter(|wall| wall.hides_from(eye)).flat_map(|wall| &wall.bodies) {
+            left_out[*body as usize] = true;
+        }
+        (0..).zip(&self.triangles).filter(move |(_, triangle)| !left_out[triangle.body as usize])
     }
 
     pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {

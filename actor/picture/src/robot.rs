@@ -5,8 +5,9 @@
 
 use super::canvas::Rgb;
 use super::palette;
+use super::sky::Lit;
 use rapier3d::math::{Pose3, Rot3, Vec3};
-use simulator::robot::links::{HAND, part_shapes};
+use simulator::robot::links::{HAND, PartPoses, part_shapes};
 use simulator::shape::{Part, Primitive, Shape};
 use std::f32::consts::FRAC_1_SQRT_2;
 
@@ -18,6 +19,11 @@ const MAST_M: f32 = 0.055;
 const HEAD_M: Vec3 = Vec3::new(0.09, 0.05, 0.07);
 /// Thickness of a link, of its capsule's.
 const LINK: f32 = 0.75;
+/// The floor about the base is darker: by this share at it, and up to this distance, metres.
+const SHADOW: f32 = 0.5;
+const SHADOW_M: f32 = 0.3;
+/// How far from the base's underside the floor is, metres.
+const FLOOR_M: f32 = 0.05;
 
 pub struct Piece {
     pub shape: Shape,
@@ -26,11 +32,29 @@ pub struct Piece {
     pub colour: Rgb,
 }
 
-pub fn pieces() -> Vec<Piece> {
-    let capsule = |part: &Shape| match part.parts[0].primitive {
+/// Radius and half of the straight part's height of a collision capsule, metres.
+fn capsule(part: &Shape) -> (f32, f32) {
+    match part.parts[0].primitive {
         Primitive::Capsule { radius_m, half_height_m } => (radius_m, half_height_m),
         _ => (0.0, 0.0),
-    };
+    }
+}
+
+/// Share of the light on a place that the base leaves: it darkens the floor about it.
+pub fn shadow(poses: &PartPoses) -> impl Fn(&Lit) -> f32 + use<> {
+    let (radius_m, half_height_m) = capsule(&part_shapes()[0]);
+    let middle = poses[0].translation;
+    move |lit| {
+        let way = lit.point - middle;
+        if lit.open || lit.normal.y < 0.9 || (way.y + half_height_m + radius_m).abs() > FLOOR_M {
+            return 1.0;
+        }
+        let near = 1.0 - (libm::hypotf(way.x, way.z) - radius_m) / SHADOW_M;
+        1.0 - SHADOW * near.clamp(0.0, 1.0).powi(2)
+    }
+}
+
+pub fn pieces() -> Vec<Piece> {
     let shapes = part_shapes();
     let mut pieces = Vec::new();
     let mut add = |part: usize, primitive: Primitive, body_from_part: Pose3, colour: Rgb| {
@@ -57,9 +81,9 @@ pub fn pieces() -> Vec<Piece> {
     }
 
     let size = |x: f32, y: f32, z: f32| Primitive::Cuboid { half_extents_m: Vec3::new(x, y, z) };
-    add(HAND, size(0.034, 0.014, 0.008), Pose3::translation(0.0, 0.0, 0.006), DARK);
+    add(HAND, size(0.05, 0.02, 0.012), Pose3::translation(0.0, 0.0, 0.0), DARK);
     for side in [-1.0, 1.0] {
-        add(HAND, size(0.006, 0.012, 0.022), Pose3::translation(side * 0.028, 0.0, 0.034), DARK);
+        add(HAND, size(0.009, 0.016, 0.026), Pose3::translation(side * 0.041, 0.0, 0.037), DARK);
     }
     pieces
 }

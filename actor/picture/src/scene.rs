@@ -6,6 +6,7 @@ use super::depth_view::{depth_view, mark};
 use super::marks::TARGET;
 use super::model::Model;
 use super::moment::{Moment, Task, moving, points};
+use super::robot::shadow;
 use super::shade::Exposure;
 use super::sky::{Dome, Lit};
 use super::view::{PlanFrame, robot_camera};
@@ -87,7 +88,7 @@ impl Scene {
         model.add_robot(&moment.robot, true);
         let exposure = Exposure::take(&model, &camera, width, height, background);
         let depths_m = exposure.depths_m();
-        let mut picture = self.develop(exposure, fine);
+        let mut picture = self.develop(exposure, fine, shadow(&moment.robot));
         self.haunt(&mut picture, moment, &camera, &depths_m);
         mark(&mut picture, &camera, &self.task, moment, |x, y| depths_m[y * width + x]);
         picture
@@ -115,7 +116,7 @@ impl Scene {
 
     pub fn plan(&self, side: usize, background: Rgb) -> Canvas {
         let model = self.at(&self.origins).0;
-        self.develop(Exposure::take(&model, &self.frame.camera(), side, side, background), true)
+        self.develop(Exposure::take(&model, &self.frame.camera(), side, side, background), true, |_| 1.0)
     }
 
     fn frame_mm(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Vec<u16> {
@@ -158,12 +159,14 @@ impl Scene {
         model
     }
 
-    fn develop(&self, exposure: Exposure, fine: bool) -> Canvas {
-        let light = if fine {
+    /// `share`: of the light on a place, what the robot leaves.
+    fn develop(&self, exposure: Exposure, fine: bool, share: impl Fn(&Lit) -> f32) -> Canvas {
+        let mut light = if fine {
             self.soft_light(&exposure)
         } else {
             exposure.waiting().map(|lit| DRAFT_LIGHT * slope(&lit)).collect()
         };
+        light.iter_mut().zip(exposure.waiting()).for_each(|(light, lit)| *light *= share(&lit));
         exposure.develop(&mut light.into_iter())
     }
 
@@ -316,7 +319,10 @@ pub(crate) mod tests {
         let (mut whole, mut alone) = (furnished.clone(), Model::default());
         whole.add_robot(&moments[0].robot, true);
         alone.add_robot(&moments[0].robot, true);
-        let draw = |model: &Model| Visible::draw(&camera, 160, 120, (0..).zip(model.corners()));
+        let draw = |model: &Model| {
+            let corners = model.before(&camera).map(|(number, triangle)| (number, triangle.corners));
+            Visible::draw(&camera, 160, 120, corners)
+        };
         let first = furnished.triangles.len() as u32;
         let count = |model: &Model, least: u32| {
             draw(model).triangle.iter().filter(|&&triangle| triangle != NOTHING && triangle >= least).count()

@@ -63,7 +63,7 @@ struct Sample {
 impl Exposure {
     pub fn take(model: &Model, camera: &Camera, width: usize, height: usize, background: Rgb) -> Self {
         let (columns, rows) = (width * SAMPLES, height * SAMPLES);
-        let visible = Visible::draw(camera, columns, rows, (0..).zip(cut(model, camera)));
+        let visible = Visible::draw(camera, columns, rows, cut(model, camera));
         let linear_of = |colours: &[Rgb]| colours.iter().map(|colour| colour.map(linear)).collect();
         let inks = Inks {
             bodies: linear_of(&model.colours),
@@ -165,17 +165,17 @@ impl Exposure {
 
 /// Corners of the model's triangles. Where the near plane cuts a body its inner side is seen, which is what a section
 /// is recognised by; it is drawn a little nearer, since it may lie on what the body stands on.
-fn cut<'a>(model: &'a Model, camera: &'a Camera) -> impl Iterator<Item = [Vec3; 3]> + 'a {
+fn cut<'a>(model: &'a Model, camera: &'a Camera) -> impl Iterator<Item = (u32, [Vec3; 3])> + 'a {
     let mut cut = vec![false; model.colours.len()];
     for triangle in &model.triangles {
         let nearer = |corner: &Vec3| (camera.camera_from_world * *corner).z < camera.near_m;
         cut[triangle.body as usize] |= triangle.corners.iter().any(nearer);
     }
     let back = camera.camera_from_world.inverse_transform_vector(Vec3::NEG_Z);
-    model.triangles.iter().map(move |triangle| {
+    model.before(camera).map(move |(number, triangle)| {
         let inner = cut[triangle.body as usize] && triangle.normal.dot(back) < 0.0;
         let lift = if inner { back * SECTION_LIFT_M } else { Vec3::ZERO };
-        triangle.corners.map(|corner| corner + lift)
+        (number, triangle.corners.map(|corner| corner + lift))
     })
 }
 

@@ -4,6 +4,7 @@ use super::depth_view::{depth_view, mark};
 use super::marks::{GOAL, TARGET};
 use super::model::Model;
 use super::moment::{Captions, Moment, Task};
+use super::robot::shadow;
 use super::scene::{DISPLACED, GHOST, PAPER, Scene};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
@@ -65,7 +66,9 @@ impl Storyboard {
     fn draw_outside(&self, canvas: &mut Canvas, top: usize, moment: &Moment, model: &Model) {
         let exposure = Exposure::take(model, &self.outside, self.side, self.side, PAPER);
         let (before, light) = &self.lit;
-        let light: Vec<f32> = exposure.light_as_in(before, light).collect();
+        let light = exposure.light_as_in(before, light).zip(exposure.waiting());
+        let shadow = shadow(&moment.robot);
+        let light: Vec<f32> = light.map(|(light, lit)| light * shadow(&lit)).collect();
         let depths_m = exposure.depths_m();
         let mut picture = exposure.develop(&mut light.into_iter());
         self.scene.haunt(&mut picture, moment, &self.outside, &depths_m);

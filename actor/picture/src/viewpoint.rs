@@ -60,7 +60,8 @@ pub fn best(model: &Model, points: &[Point]) -> Orbit {
 
 fn seen(model: &Model, camera: &Camera, points: &[Point]) -> f32 {
     let (width, height) = TRIAL;
-    let visible = Visible::draw(camera, width, height, (0..).zip(model.corners()));
+    let corners = model.before(camera).map(|(number, triangle)| (number, triangle.corners));
+    let visible = Visible::draw(camera, width, height, corners);
     points.iter().filter(|point| visible.shows(camera, point)).map(|point| point.weight).sum()
 }
 

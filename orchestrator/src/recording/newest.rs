@@ -1,3 +1,4 @@
+use super::Recordings;
 use super::episode_index::{EpisodeIndex, Key};
 use crate::output::terminal;
 use anyhow::{Context, Result, bail, ensure};
@@ -63,6 +64,11 @@ pub fn newest(
     });
     let picked = pick(ended.collect(), only, count);
     if picked.is_empty() {
+        ensure!(
+            Recordings::of(folder).is_some(),
+            "{place} has no recordings: an evaluation makes them with `--record all` (or `failures`), a run with \
+            `recording.enabled = true`"
+        );
         bail!("{place}: its recordings hold no such episode that has ended");
     }
     for note in explain(&picked, &good, only, count) {
