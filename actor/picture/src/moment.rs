@@ -9,6 +9,8 @@ const START: f32 = 20.0;
 const SLACK_M: f32 = 0.1;
 /// The way through the robot to its axis, from above.
 const ROBOT_SLACK_M: f32 = 0.4;
+/// Its head is this far above its middle, and its foot below, metres.
+const STANDS_M: f32 = 0.8;
 /// A thing that is nearer to its place than this stands still, metres.
 const STILL_M: f32 = 0.005;
 
@@ -80,18 +82,25 @@ pub struct Point {
 /// Start and goal of the target, the robot's start, and everybody's way.
 pub fn points(task: &Task, moments: &[Moment]) -> Vec<Point> {
     let point = |place: Vec3, weight: f32| Point { place, weight, slack_m: SLACK_M };
-    let robot =
-        |moment: &Moment, weight: f32| Point { place: moment.robot[0].translation, weight, slack_m: ROBOT_SLACK_M };
+    // Its middle, its head and its foot.
+    let robot = |moment: &Moment, weight: f32| {
+        [0.0, STANDS_M, -STANDS_M].map(|up| Point {
+            place: moment.robot[0].translation + Vec3::new(0.0, up, 0.0),
+            weight: weight / 3.0,
+            slack_m: ROBOT_SLACK_M,
+        })
+    };
     let mut points: Vec<Point> = task.goal.map(|goal| point(goal, START)).into_iter().collect();
     let of_target = |moment: &Moment| task.target.map(|target| moment.things[target].translation);
     points.extend(of_target(&moments[0]).map(|start| point(start, 3.0)));
-    points.push(robot(&moments[0], START));
+    points.extend(robot(&moments[0], START));
     let step = moments.len().div_ceil(SAMPLES).max(1);
     // The last moment counts whatever the step.
     for moment in moments.iter().rev().step_by(step) {
         let hand = moment.robot[moment.robot.len() - 1].translation;
         points.extend(of_target(moment).map(|target| point(target, 1.0)));
-        points.extend([point(hand, 1.0), robot(moment, 0.5)]);
+        points.push(point(hand, 1.0));
+        points.extend(robot(moment, 0.5));
     }
     points
 }

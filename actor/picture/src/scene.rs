@@ -26,7 +26,7 @@ pub const DISPLACED: Rgb = [124, 58, 237];
 pub const GHOST: [f32; 2] = [0.5, 0.18];
 /// A ghost is hidden by what is this much nearer, metres.
 const SLACK_M: f32 = 0.005;
-const LAMPS: usize = 24;
+const LAMPS: usize = 64;
 /// Light on an upright surface in a draft, as a share of that on a floor.
 const DRAFT_SIDE_LIGHT: f32 = 0.6;
 /// Light on a floor in a draft, for as bright a picture as the fine one: walls and furniture leave a part of the sky.

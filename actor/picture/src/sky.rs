@@ -13,7 +13,9 @@ use std::f32::consts::PI;
 const LAMPS: usize = 96;
 /// Lowest lamp: sine of its elevation.
 const LOWEST: f32 = 0.12;
+/// Width and height of a lamp's picture; of a dome's, which keeps many, pixels.
 const SIDE: usize = 640;
+const DOME_SIDE: usize = 400;
 /// A point is lifted this far off its own surface before it is looked up, metres ...
 const LIFT_M: f32 = 0.012;
 /// ... and counts as hidden only by what is this much nearer to the lamp, metres.
@@ -30,15 +32,15 @@ pub struct Lit {
 /// Light that falls onto each point: 1 for a floor under the open dome. Lamp after lamp, so that only one lamp's
 /// picture is held at a time.
 pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
-    shine((0..LAMPS).map(|index| Lamp::hung(model, index, LAMPS)), points)
+    shine((0..LAMPS).map(|index| Lamp::hung(model, index, LAMPS, SIDE)), points)
 }
 
-/// Fewer lamps whose pictures are kept, for many pictures of one scene.
+/// Fewer lamps whose pictures are kept, for many pictures of one scene. So many that none's shadow has an edge to be seen.
 pub struct Dome(Vec<Lamp>);
 
 impl Dome {
     pub fn over(model: &Model, lamps: usize) -> Self {
-        Self((0..lamps).map(|index| Lamp::hung(model, index, lamps)).collect())
+        Self((0..lamps).map(|index| Lamp::hung(model, index, lamps, DOME_SIDE)).collect())
     }
 
     pub fn light(&self, points: &[Lit]) -> Vec<f32> {
@@ -67,11 +69,12 @@ struct Lamp {
     towards: Vec3,
     up: f32,
     camera: Camera,
+    side: usize,
     nearness: Vec<f32>,
 }
 
 impl Lamp {
-    fn hung(model: &Model, index: usize, count: usize) -> Self {
+    fn hung(model: &Model, index: usize, count: usize, side: usize) -> Self {
         let (low, high) = model.bounds();
         let (centre, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
         // A spiral with equal steps in height is uniform over the sphere (Archimedes), and the golden angle keeps
@@ -83,21 +86,22 @@ impl Lamp {
         let rotation = Rot3::from_rotation_arc(Vec3::Z, -towards);
         let pose = Pose3::from_parts(centre + towards * (radius + 0.1), rotation);
         let camera = Camera::new(pose, Projection::Parallel { half_width_m: radius }, 0.0);
-        let nearness = Visible::draw(&camera, SIDE, SIDE, (0..).zip(model.corners())).nearness;
-        Self { towards, up, camera, nearness }
+        let nearness = Visible::draw(&camera, side, side, (0..).zip(model.corners())).nearness;
+        Self { towards, up, camera, side, nearness }
     }
 
     /// Share of the four pixels about a point that the lamp sees through to it, weighted by nearness in the picture.
     fn reaches(&self, point: Vec3) -> f32 {
-        let pixel = self.camera.project(self.camera.camera_from_world * point, SIDE, SIDE);
-        let limit = (SIDE - 2) as f32;
+        let side = self.side;
+        let pixel = self.camera.project(self.camera.camera_from_world * point, side, side);
+        let limit = (side - 2) as f32;
         let (x, y) = ((pixel.x - 0.5).clamp(0.0, limit), (pixel.y - 0.5).clamp(0.0, limit));
         let (column, row) = (x as usize, y as usize);
         let (along, down) = (x - column as f32, y - row as f32);
-        let at = row * SIDE + column;
+        let at = row * side + column;
         let seen = |index: usize| f32::from(u8::from(self.nearness[index] <= pixel.nearness + SLACK_M));
         let above = seen(at) * (1.0 - along) + seen(at + 1) * along;
-        let below = seen(at + SIDE) * (1.0 - along) + seen(at + SIDE + 1) * along;
+        let below = seen(at + side) * (1.0 - along) + seen(at + side + 1) * along;
         above * (1.0 - down) + below * down
     }
 }

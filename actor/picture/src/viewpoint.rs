@@ -14,7 +14,7 @@ const PITCHES: [f32; 4] = [0.75, 0.6, 1.05, 1.3];
 /// What a less liked angle must show more, as a share of all points.
 const PREFERENCE: f32 = 0.06;
 /// Room around the points, and the smallest scene, metres.
-const MARGIN_M: f32 = 0.3;
+const MARGIN_M: f32 = 0.2;
 const RADIUS_LEAST_M: f32 = 1.2;
 /// As wide, for its height, as the page's picture: a square one shows more.
 const TRIAL: (usize, usize) = (160, 120);
@@ -42,7 +42,8 @@ pub fn best(model: &Model, points: &[Point]) -> Orbit {
         (low.min(point.place), high.max(point.place))
     });
     let centre = 0.5 * (low + high);
-    let radius_m = (0.5 * (high - low).length() + MARGIN_M).max(RADIUS_LEAST_M);
+    let reach_m = points.iter().map(|point| (point.place - centre).length()).fold(0.0, f32::max);
+    let radius_m = (reach_m + MARGIN_M).max(RADIUS_LEAST_M);
     let total: f32 = points.iter().map(|point| point.weight).sum();
     let mut best: Option<(f32, Orbit)> = None;
     for (rank, pitch_rad) in PITCHES.into_iter().enumerate() {

@@ -3,6 +3,8 @@ use super::moment::Point;
 use rapier3d::math::Vec3;
 
 pub const NOTHING: u32 = u32::MAX;
+/// What is nearer by less than this share is as near: of faces in one plane the first one is seen, not parts of both.
+const SAME_SHARE: f32 = 1e-4;
 
 #[derive(Debug, Clone)]
 pub struct Visible {
@@ -85,7 +87,8 @@ impl Visible {
             let at_edge = a.nearness + slope_y * (y - a.y) - slope_x * (a.x - 0.5);
             for column in first as usize..(end as usize).min(self.width) {
                 let nearness = at_edge + slope_x * column as f32;
-                if nearness > self.nearness[line + column] {
+                let before = self.nearness[line + column];
+                if nearness > before + SAME_SHARE * before.abs() || before == f32::NEG_INFINITY {
                     self.nearness[line + column] = nearness;
                     self.triangle[line + column] = number;
                 }
