@@ -94,7 +94,7 @@ pub fn sheet(options: &SheetOptions) -> Result<()> {
     };
     let end = canvas.text(&title, 26.0, MARGIN as f32, 31.0, INK);
     let legend = format!(
-        "each: floor plan cut at 1.4 m, and what the robot (orange) sees from where it stands; {} things in all",
+        "each: floor plan cut at 1.4 m, and the robot's (orange) view, of which it gets depth; {} things",
         pairs.iter().map(|(_, _, things)| *things).sum::<usize>()
     );
     // On a narrow sheet it would be cut.
