@@ -2,21 +2,24 @@
 // the same frame. Charts with one `sync` share a cursor and a zoom; the cursor moves by mouse or by keys.
 
 import { css, hand, h, light } from "./dom.js";
-import { percent, short } from "./format.js";
+import { percent, short, ticks } from "./format.js";
 
 /** What one of several curves looks like: after seven colours they repeat with other dashes. */
 export const look = (index) => ({ colour: `--run-${index % 7}`, dash: [[], [7, 3], [2, 3]][Math.floor(index / 7) % 3] });
 
-/** Exponential mean that begins anew with each stage: a new reward makes values that are not comparable. */
-export function smooth(values, stages, weight) {
+/** Exponential mean that begins anew with each stage: a new reward makes values that are not comparable. `weight`: of
+ * what was an eightieth of `total` frames ago, however many values there are on the way. */
+export function smooth(values, stages, frames, total, weight) {
   const smoothed = new Array(values.length).fill(null);
-  let sum = 0, mass = 0, stage;
+  let sum = 0, mass = 0, stage, before = 0;
   for (let at = 0; at < values.length; at += 1) {
     if (stages[at] !== stage) [sum, mass, stage] = [0, 0, stages[at]];
     const value = values[at];
     if (value === null || value === undefined) { smoothed[at] = mass > 0 ? sum / mass : null; continue; }
-    sum = weight * sum + (1 - weight) * value;
-    mass = weight * mass + (1 - weight);
+    const kept = weight ** ((80 * (frames[at] - before)) / total);
+    before = frames[at];
+    sum = kept * sum + (1 - kept) * value;
+    mass = kept * mass + (1 - kept);
     smoothed[at] = mass > 0 ? sum / mass : value;
   }
   return smoothed;
@@ -33,8 +36,8 @@ export class Chart {
     Object.assign(this, { title, share, zero, format, log, xLabel, xFormat, rows, height, sync, content: { series: [] }, lines: [], data: [[]] });
     this.readout = h("output", {});
     this.frame = h("div", { class: "chart", tabIndex: 0, role: "img", style: { height: `${height}px` }, onkeydown: (event) => this.key(event), onblur: () => this.plot?.setCursor({ left: -10, top: -10 }, true, true) });
-    const button = (name, save) => h("button", { class: "save", title: `Save “${title}” as ${name}`, onclick: save }, name);
-    this.element = h("figure", { class: "card" },
+    const button = (name, save) => h("button", { class: "save", "aria-label": `Save “${title}” as ${name}`, title: `Save “${title}” as ${name}`, onclick: save }, name);
+    this.element = h("figure", { class: "card", "aria-label": title },
       h("figcaption", {}, h("span", {}, title), this.readout, h("span", { class: "saves" }, button("PNG", () => this.picture()), button("CSV", () => hand(new Blob([this.csv()], { type: "text/csv" }), `${this.file()}.csv`)))), this.frame);
     new ResizeObserver(() => this.fit()).observe(this.frame);
     addEventListener("recolour", () => this.plot?.redraw(), { signal });
@@ -47,7 +50,7 @@ export class Chart {
   file() { return this.title.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, ""); }
 
   /** `series`: name, look, x, y, and perhaps raw, low and high; `marks`: x and label; `levels`: y and label; `most`: the y
-   * axis reaches there; `domain`: of x; `paint`: draws more; `read`: what the cursor is at; `table`: the data of that. */
+   * axis reaches there; `newest`: what one curve came to, and `smoothed` whether it is a mean; `domain`: of x; `paint`: draws more; `read`: what the cursor is at; `table`: the data of that. */
   show(content) {
     const { lines, bands, xLabel, plot, data: before } = this;
     this.content = content;
@@ -94,7 +97,6 @@ export class Chart {
     const font = `${11 * scale}px ${FONT}`;
     const axis = { font, labelFont: font, stroke: () => css("--soft"), gap: 5 * scale, ticks: { show: false }, grid: { stroke: () => css("--line"), width: scale } };
     const room = (plot, values) => (Math.max(0, ...(values ?? []).map((text) => text?.length ?? 0)) * 6.2 + 14) * scale;
-    const yText = (value) => (this.share ? shareText(value) : short(value));
     const line = ({ name, colour, dash = [], opacity, width: thick, points, spanGaps }) => ({
       label: name, spanGaps, width: thick * scale, dash: dash.map((each) => each * scale), stroke: opacity ? () => see(colour, opacity) : undefined,
       points: points ?? { size: 5 * scale, width: 0, fill: () => css(colour) },
@@ -107,10 +109,10 @@ export class Chart {
         y: this.rows ? { dir: -1, range: () => [-0.5, this.rows.length - 0.5] } : { range: (plot, low, high) => this.reach(low, high) },
       },
       axes: [
-        { ...axis, size: 20 * scale, space: 65 * scale, label: this.xLabel, labelSize: 15 * scale, labelGap: 0, values: (plot, splits) => splits.map((value) => (value === null ? null : this.xFormat(value))) },
+        { ...axis, size: 20 * scale, space: 65 * scale, label: this.xLabel, labelSize: 15 * scale, labelGap: 0, values: (plot, splits) => (this.xFormat === short ? ticks(splits) : splits.map((value) => (value === null ? null : this.xFormat(value)))) },
         this.rows
           ? { ...axis, size: room, grid: { show: false }, splits: () => this.rows.map((name, at) => at), values: () => this.rows }
-          : { ...axis, size: room, space: 32 * scale, values: (plot, splits) => splits.map(yText) },
+          : { ...axis, size: room, space: 32 * scale, values: (plot, splits) => (this.share ? splits.map(shareText) : ticks(splits)) },
       ],
       series: [{}, ...this.lines.map(line)],
       bands: this.bands.map(({ series, colour }) => ({ series, fill: () => see(colour, 0.16) })),
@@ -171,7 +173,9 @@ export class Chart {
     const values = this.lines.flatMap((line, index) => (line.name === undefined ? [] : [[line.name, near(this.data[index + 1], at)]])).filter(([, value]) => value !== null);
     const several = values.length > 1;
     const words = this.content.read?.(this.plot) ?? values.map(([name, value]) => (several ? `${name} ${this.format(value)}` : this.format(value)));
-    if (at === null && values.length && this.content.smoothed) words.push("smoothed");
+    const { newest, smoothed } = this.content;
+    if (at === null && !several && values.length && newest !== undefined) words.splice(0, 1, this.format(newest), "newest tenth");
+    else if (values.length && smoothed) words.push("smoothed");
     if (at !== null && values.length) words.push(`at ${this.xFormat(this.data[0][at])}`);
     const text = words.join(several ? "\n" : " · ") || (this.rows ? "" : "nothing yet");
     this.element.classList.toggle("several", several);

@@ -39,11 +39,12 @@ export function legend(names, hidden, changed) {
 }
 
 export class Curves {
-  /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, and
-   * `of(figure, axis)`, which is the columns x, y, stage, and perhaps low and high. `most`: where the axes of shares end. */
-  constructor(sources, { axes = ["frames", "time"], key = "curves", weight: lasting = 0.9, most, hidden = new Set(), signal } = {}) {
+  /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, the
+   * budget in frames, and the means over the newest tenth of the newest stage by metric, and `of(figure, axis)`, which is
+   * the columns x, y, stage, and perhaps frames, low and high. `most`: where the axes of shares end. */
+  constructor(sources, { axes = ["frames", "time"], key = "curves", most, hidden = new Set(), signal } = {}) {
     Object.assign(this, { sources, most, hidden, signal, charts: new Map() });
-    this.settings = { weight: lasting, axis: "frames", raw: true, more: false, ...remembered(key, {}) };
+    this.settings = { weight: 0.5, axis: "frames", raw: true, more: false, ...remembered(key, {}) };
     this.grid = h("div", { class: "grid" });
     const set = (change) => { Object.assign(this.settings, change); remember(key, this.settings); this.draw(); };
     const box = (name) => h("input", { type: "checkbox", checked: this.settings[name], onchange: (event) => set({ [name]: event.target.checked }) });
@@ -74,9 +75,9 @@ export class Curves {
         this.charts.set(name, chart);
       }
       Object.assign(chart, axis === "time" ? { xLabel: "hours", xFormat: (hours) => `${short(hours)} h` } : { xLabel: "frames", xFormat: short });
-      const series = all.map(({ source, index, x, y, stage, low, high }) => ({
+      const series = all.map(({ source, index, x, y, stage, frames = x, low, high }) => ({
         name: source.name, look: look(index), x, raw: raw && weight ? y : null,
-        ...Object.fromEntries(Object.entries({ y, low, high }).filter(([, values]) => values).map(([key, values]) => [key, smooth(values, stage, weight)])),
+        ...Object.fromEntries(Object.entries({ y, low, high }).filter(([, values]) => values).map(([key, values]) => [key, smooth(values, stage, frames, source.budget ?? frames.at(-1), weight)])),
       }));
       // One axis for all shares: others are mostly parts of the first.
       if (metric?.kind === "share") most ??= Math.max(...series.flatMap(({ y }) => y));
@@ -85,7 +86,7 @@ export class Curves {
       const marks = [...begins.values()].flatMap(({ stages, index }) => stages.slice(1).map(([label, x]) => (begins.size > 1 ? { label, x, colour: look(index).colour } : { label: `stage ${label}`, x })));
       const first = this.sources[all[0].index];
       chart.show({
-        series, smoothed: weight > 0, most: metric?.kind === "share" ? most : undefined,
+        series, smoothed: weight > 0, newest: all.length === 1 ? first.newest?.[metric?.name] : undefined, most: metric?.kind === "share" ? most : undefined,
         marks: axis === "frames" ? marks : [],
         levels: metric && metric.name in (first.paper ?? {}) ? [{ y: first.paper[metric.name], label: "the paper's level" }] : [],
       });

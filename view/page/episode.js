@@ -2,7 +2,7 @@
 
 import { h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
-import { count, outcome, percent, quantity, words } from "./format.js";
+import { count, outcome, percent, quantity, reached, words } from "./format.js";
 import { Stage, Strip, besides, explained, limit } from "./stage.js";
 
 /** Goes through the steps of one or two episodes. */
@@ -11,15 +11,16 @@ class Player {
     Object.assign(this, { stages, signal, remember, step: 0, timer: 0 });
     this.last = Math.max(...stages.map((stage) => stage.last));
     this.strip = new Strip(stages, (step) => this.go(step), signal);
-    this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", oninput: () => this.go(Number(this.range.value)) });
+    this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", style: { "--inset": `calc(50% / ${this.last + 1} - 8px)` }, oninput: () => this.go(Number(this.range.value)) });
     this.play = h("button", { "aria-pressed": "false", onclick: () => this.toggle() }, "Play");
     this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));
     this.kinds = kinds();
     this.kind = h("select", { "aria-label": "Kind of film" }, this.kinds.map(({ name, ending }) => h("option", { value: ending }, name)));
     this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
     this.element = h("section", { class: "card", "aria-label": "Steps" },
-      h("div", { class: "player" }, this.play, this.speed, this.range, h("span", { class: "row" }, this.film, this.kind)), this.strip.element,
-      h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"));
+      h("div", { class: "player" }, this.play, this.speed,
+        h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"),
+        h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
     signal.addEventListener("abort", () => { document.removeEventListener("keydown", keys); this.stop(); });
@@ -111,7 +112,7 @@ export async function showEpisode(root, run, key, query, signal) {
       h("div", { class: "stack" },
         h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), stage.proof())),
         player.element),
-      h("div", { class: "side" }, figure("What the robot sees", stage.depth.element), figure("Floor plan and way", stage.plan.element),
+      h("div", { class: "side" }, figure("What the robot sees", stage.depth.element), figure("Floor plan and path", [stage.plan.element, stage.plan.legend]),
         h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));
   player.go(Number(query.get("step") ?? 0));
 }
@@ -145,7 +146,7 @@ export async function showCompare(root, runs, query, signal) {
   const chosen = /^[\d-]+~[\d-]+$/.test(query.get("episode") ?? "") ? query.get("episode") : null;
   // Those that differ most may not be read yet.
   while (!chosen && found.indexed < 0.999) {
-    tell(`The recordings are read first: ${percent(found.indexed, 0)}`);
+    tell(`The recordings are read first: ${reached(found.indexed)}`);
     await pause(500, signal);
     found = await find();
   }
@@ -183,11 +184,11 @@ export async function showCompare(root, runs, query, signal) {
     h("p", { class: "notice", id: "difference" }, difference(stages)),
     h("div", { class: "twins" }, stages.map((stage, at) => h("section", { class: "card stack", "aria-label": stage.run },
       h("div", {},
-        h("div", { class: "row between" }, h("span", {}, h("strong", { style: { color: `var(--run-${at})` } }, stage.name === stage.run ? "●" : stage.name), " ", h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run)), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
-        h("div", { class: "small soft" }, policy(stage.run))),
-      stage.problem, stage.orbit.element, stage.words))),
+        h("div", { class: "row between ends" }, h("span", {}, h("strong", { style: { color: `var(--run-${at})` } }, stage.name === stage.run ? "●" : stage.name), " ", h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run)), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
+        h("div", { class: "small soft" }, policy(stage.run)), stage.problem),
+      stage.orbit.element, stage.words))),
     player.element, h("div", { class: "across" }, explained(stages[0].episode)),
     h("div", { class: "twins" }, stages.map((stage) => h("div", { class: "card stack" },
-      h("div", { class: "pair" }, figure("What the robot sees", stage.depth.element, ""), figure("Floor plan and way", stage.plan.element, "")), stage.moved, stage.proof()))));
+      h("div", { class: "pair" }, figure("What the robot sees", stage.depth.element, ""), figure("Floor plan and path", [stage.plan.element, stage.plan.legend], "")), stage.moved, stage.proof()))));
   player.go(Number(query.get("step") ?? 0));
 }

@@ -1,7 +1,7 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
 import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
-import { count, number, outcome, percent, kitchenName, words } from "./format.js";
+import { count, number, outcome, reached, kitchenName, words } from "./format.js";
 import { paintEnd } from "./stage.js";
 
 // What every task's episodes have.
@@ -107,7 +107,7 @@ export async function showEpisodes(root, run, query, signal) {
       const offset = Number(asked.offset);
       back.disabled = offset === 0;
       on.disabled = offset + PAGE >= page.matching;
-      const reading = page.indexed < 0.999 ? ` · recordings read: ${percent(page.indexed, 0)}` : "";
+      const reading = page.indexed < 0.999 ? ` so far · recordings read: ${reached(page.indexed)}` : "";
       status.textContent = `${count(page.matching)} of ${count(page.total)} episodes${reading}`;
       options("source", page.sources.length ? page.sources.map((name) => [name === "training" ? "" : name, name === "training" ? "training" : name.replace("rollout-", "validation ").replace(/ 0+(?=\d)/, " ")]) : [["", "the evaluation"]]);
       selects.kitchen.parentElement.hidden = page.elsewhere;

@@ -5,6 +5,8 @@ const known = (value) => value !== null && value !== undefined && Number.isFinit
 
 export const count = (value) => (known(value) ? Math.round(value).toString().replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f") : missing);
 export const percent = (share, digits = 1) => (known(share) ? `${(100 * share).toFixed(digits)}%` : missing);
+/** A share as a percentage that is never more than there is. */
+export const reached = (share) => percent(Math.floor(100 * share) / 100, 0);
 export const metres = (value, digits = 3) => (known(value) ? `${value.toFixed(digits)} m` : missing);
 export const number = (value, digits = 2) => (known(value) ? value.toFixed(digits) : missing);
 /** A metric's mean: a share as a percentage, a value with its unit. */
@@ -20,6 +22,17 @@ export function short(value) {
   return size >= 100 ? value.toFixed(0) : size >= 1 ? trim(value) : size >= 0.001 ? Number(value.toPrecision(2)).toString() : value.toExponential(0);
 }
 const trim = (value) => Number(value.toPrecision(3)).toString();
+
+/** Numbers along an axis, all in the same notation and with the digits that they have; null is none. */
+export function ticks(values) {
+  const there = values.filter(known);
+  const most = Math.max(0, ...there.map(Math.abs));
+  const exponent = Math.floor(Math.log10(most));
+  const [unit, sign] = most >= 1e6 ? [1e6, "M"] : most >= 1e4 ? [1e3, "k"] : most && exponent < -4 ? [10 ** exponent, `e${exponent}`] : [1, ""];
+  const text = (value, digits) => Number((value / unit).toFixed(digits));
+  const digits = [0, 1, 2, 3, 4, 5, 6].find((digits) => there.every((value) => Math.abs(text(value, digits) - value / unit) * unit <= 1e-6 * most)) ?? 7;
+  return values.map((value) => (known(value) ? `${text(value, digits)}${value ? sign : ""}` : null));
+}
 
 export function duration(seconds) {
   if (!known(seconds)) return missing;

@@ -71,7 +71,7 @@ export async function showList(root, query, signal) {
         const metric = card.metrics.find((each) => each.label === label);
         return h("td", { "data-head": label, class: at > 1 ? "number optional" : "number" }, metric && figure(metric, card.figures[metric.name]));
       }),
-      h("td", { "data-head": "Begun", class: "optional soft small whole" }, date(card.created_unix_s)));
+      h("td", { "data-head": "Begun", class: "optional entire soft small whole" }, date(card.created_unix_s)));
   };
   let shown = "";
   every(3000, signal, async () => {

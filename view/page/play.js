@@ -26,7 +26,7 @@ class SceneRenderer {
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
     this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
     this.place = h("div", {}, h("section", { class: "card" }, h("p", {}, "Here a robot will be seen at its task, step by step, episode after episode. The menu above chooses the kitchen.")));
-    replace(root, h("div", { class: "row between" }, this.title, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.plays, this.terms, h("div", { class: "row between small" }, this.tally, this.wait.element)), this.place);
+    replace(root, h("div", { class: "row between plays" }, this.title, this.wait.element, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.plays, this.terms, this.tally), this.place);
   }
 
   /** Says what it waits for; nothing without a text. */
@@ -48,8 +48,8 @@ class SceneRenderer {
     const { signal } = this;
     const [newest] = await json("/api/runs", { signal });
     if (!newest) return false;
-    this.run = newest.id;
-    this.live = await json(`/api/runs/${encodeURIComponent(newest.id)}`, { signal });
+    if (this.run !== newest.id) Object.assign(this, { run: newest.id, over: [] });
+    await this.renew();
     const { card, kitchens } = this.live;
     const places = kitchens.flatMap(({ kitchen, environments }) => environments.map((environment) => `${kitchen}/${environment}`));
     if (this.picker.options.length !== places.length) {
@@ -57,9 +57,6 @@ class SceneRenderer {
       this.picker.hidden = places.length < 2;
     }
     if (!places.includes(this.chosen)) this.chosen = places[0] ?? null;
-    this.link.href = `#/run/${encodeURIComponent(newest.id)}`;
-    this.link.hidden = !card.done;
-    this.link.textContent = card.done === 1 ? "The episode that has ended" : `All ${count(card.done)} episodes`;
     if (card.conditions) {
       // Of a run that trains each round plays the newest checkpoint.
       const [plays, terms] = card.conditions.split(": ");
@@ -70,12 +67,20 @@ class SceneRenderer {
     return this.chosen !== null;
   }
 
-  /** Means over the episodes that this page has shown to their ends, and no others. */
-  count(episode) {
-    this.over.push(episode);
-    const mean = ({ name }) => this.over.reduce((sum, { figures }) => sum + (figures[name] ?? 0), 0) / this.over.length;
-    const known = this.live.card.metrics.filter(({ name }) => name in episode.figures);
-    this.tally.textContent = [`${this.over.length} ${this.over.length === 1 ? "episode" : "episodes"} shown to the end`, ...known.map((metric) => `${metric.label} ${figure(metric, mean(metric), 0)}`)].join(", ");
+  /** Looks how many episodes have ended, and says what they came to: those that this page has shown to their ends, and all. */
+  async renew() {
+    const run = encodeURIComponent(this.run);
+    this.live = await json(`/api/runs/${run}`, { signal: this.signal });
+    const { over, live: { card: { done, metrics, figures } } } = this;
+    this.link.href = `#/run/${run}/episodes`;
+    this.link.hidden = !done;
+    this.link.textContent = done === 1 ? "The episode that has ended" : `All ${count(done)} episodes`;
+    const mean = ({ name }) => over.reduce((sum, episode) => sum + (episode.figures[name] ?? 0), 0) / over.length;
+    const said = (text, known, value) => [text, ...known.map((metric) => `${metric.label} ${figure(metric, value(metric), 0)}`)].join(", ");
+    const shown = over.length ? said(`${over.length} ${over.length === 1 ? "episode" : "episodes"} shown to the end`, metrics.filter(({ name }) => name in over[0].figures), mean) : "None shown to the end yet";
+    const all = said(`${count(done)} ${done === 1 ? "has" : "have"} ended in all`, metrics.filter(({ name, kind }) => kind === "share" && name in figures), ({ name }) => figures[name]);
+    const text = done || over.length ? `${shown}; ${all}.` : "No episode has ended yet.";
+    if (this.tally.textContent !== text) this.tally.textContent = text;
   }
 
   newest() { return json(`/api/runs/${encodeURIComponent(this.run)}/newest/${this.chosen}`, { signal: this.signal }); }
@@ -90,20 +95,18 @@ class SceneRenderer {
     this.stage = stage;
     const end = h("span", {});
     const number = Number(key.split("-")[2]);
-    const named = [`episode ${number} in ${stage.place}`, stage.episode.target].filter(Boolean).join(", ");
     // The policy does not wait for this page.
     const [first, before] = [(this.seen?.where === `${run} ${chosen}` ? this.seen.number : number) + 1, number - 1];
-    const missed = first < before ? `episodes ${first} to ${before} ended meanwhile and are not shown` : first === before ? `episode ${first} ended meanwhile and is not shown` : "";
+    const missed = first < before ? `episodes ${first} to ${before} were not shown` : first === before ? `episode ${first} was not shown` : "";
     this.seen = { where: `${run} ${chosen}`, number };
     const { target } = stage.episode;
     const task = target ? `Bring the ${target} (pink) to its goal (green), and displace nothing else (violet)` : "Reach the goal (green)";
     const keys = [["space", "pause"], ["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
     replace(this.place, h("div", { class: "episode" },
-      h("div", { class: "stack" }, h("section", { class: "card stack", "aria-label": "The room" },
-        h("strong", {}, task), h("div", { class: "row small" }, h("span", {}, named), end, h("span", { class: "soft" }, missed)), stage.problem,
-        besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`)))))),
-      h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and way"), stage.plan.element),
-        h("section", { class: "card" }, stage.moved))));
+      h("section", { class: "card stack", "aria-label": "The room" },
+        h("div", {}, h("strong", {}, task), h("div", { class: "row small ending" }, h("span", {}, `episode ${number} in ${stage.place}`), end, h("span", { class: "soft" }, missed))), stage.problem,
+        besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`))), stage.moved)),
+      h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and path"), stage.plan.element, stage.plan.legend))));
     this.camera(stage);
     stage.show(0);
     this.place.dataset.episode = key;
@@ -126,7 +129,8 @@ class SceneRenderer {
       } else if (stage.episode.outcome !== "unfinished") {
         const ended = stage.ended();
         replace(end, h("span", { class: stage.kind() }, ended), ` after ${count(stage.last)} steps`);
-        this.count(stage.episode);
+        this.over.push(stage.episode);
+        await this.renew();
         say([stage.episode.target, ended].filter(Boolean).join(": "));
         await pause(END, signal);
         return;

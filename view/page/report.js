@@ -13,7 +13,7 @@ function fieldName(key) {
 
 const SHARE = { kind: "share" };
 /** A figure that `one` describes, as people read it; the unit stands in its heading. */
-const shown = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { m: 3, steps: 1 }[unit] ?? 2));
+const shown = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { steps: 1 }[unit] ?? 3));
 const heading = ({ label, unit }) => (unit === "m" ? `${label} (m)` : label);
 const range = (one, { low, high }) => [low, high].map((value) => shown(one, value).replace("%", "")).join("\u00a0–\u00a0");
 const over = (value, below) => [value, below ? h("small", {}, below) : null];
@@ -192,7 +192,7 @@ class Page {
     const chart = (one) => {
       const { name: figure, label: title } = one;
       const visible = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...meanOf(result, one), paper: this.published(group, field)?.[figure] }));
-      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean, shaded its 95% interval${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: (value) => (one.kind === "share" ? percent(value, 0) : short(value)) });
+      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean, shaded its 95% interval${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: one.kind === "share" ? (value) => percent(value, 0) : short });
       made.element.id = `${figure}-${field}`;
       this.redraws.push(() => {
         const all = visible();
@@ -266,11 +266,12 @@ class Page {
     const { groups } = this.report;
     const trained = groups.some(({ training }) => training.length);
     if (!trained) return this.none("Learning curves: none of these runs has trained a rollout, or only their evaluations were given (name the runs' own folders, too).");
-    const sources = groups.map(({ label, stages, metrics, training }) => {
+    const sources = groups.map(({ label, runs, stages, metrics, training }) => {
       const of = new Map(training.map(({ metric, points }) => [metric, columns(points, stages)]));
-      return { name: label, metrics, stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
+      const newest = stages.findLast(({ figures }) => Object.keys(figures).length)?.figures;
+      return { name: label, metrics, newest, budget: Math.max(...runs.map(({ budget }) => budget)), stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
     });
-    const curves = new Curves(sources, { axes: ["frames"], key: "report", weight: 0.5, most: 1, hidden: this.hidden });
+    const curves = new Curves(sources, { axes: ["frames"], key: "report", most: 1, hidden: this.hidden });
     curves.keys.hidden = true;
     this.redraws.push(() => curves.draw());
     curves.element.id = "training";
@@ -301,7 +302,7 @@ class Page {
         return { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
       };
       const log = found.every(({ result }) => result.curves[name].every(({ at }) => at > 0));
-      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: label, xFormat: short }); made.content.marks = Object.entries(marks).map(([word, x]) => ({ x, label: word })); return made; };
+      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: `limit${/\((\w+)\)$/.exec(label)?.[1].replace(/^/, ", ") ?? ""}` }); made.content.marks = Object.entries(marks).map(([word, x]) => ({ x, label: word })); return made; };
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;
@@ -314,7 +315,7 @@ class Page {
     const pictures = ({ caption, strips }, index) => {
       const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
         h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.map((each, at) => [at ? ", " : "", h("span", { style: { "white-space": "nowrap" } }, each)]))))))),
-      h("p", { class: "small soft" }, caption, " ", h("button", { class: "save", onclick: () => savePictures(made, `episode-${index + 1}.png`) }, "PNG")));
+      h("p", { class: "small soft" }, caption, " ", h("button", { class: "save", "aria-label": `Save the pictures of episode ${index + 1} as PNG`, onclick: () => savePictures(made, `episode-${index + 1}.png`) }, "PNG")));
       return made;
     };
     return section("episode", "One episode", this.episodes.map(pictures));
@@ -324,7 +325,7 @@ class Page {
     const { sweeps } = this.report;
     if (!sweeps.length) return this.none("Weights of rewards: no two of these groups differ in one weight alone and are evaluated on the same episodes (the presets lambda-0, lambda-1, lambda-5, ..., lambda-25 are the paper's sweep of lambda_disturb).");
     const chart = ({ weight, field, points }) => {
-      const made = new Chart(`${weight}, ${fieldName(field)}`, { share: true, xLabel: weight, xFormat: short });
+      const made = new Chart(`${weight}, ${fieldName(field)}`, { share: true, xLabel: weight });
       const { described } = this.report.tasks[this.report.groups.find(({ label }) => label === points[0].group).task];
       const ranked = described.filter(({ name }) => points.every(({ metrics }) => metrics[name]));
       const series = ranked.map(({ name, label }, index) => {
@@ -340,7 +341,8 @@ class Page {
   }
 
   prediction() {
-    const rows = this.results.filter(({ result }) => result.pooled.prediction).map(({ group, result }) => {
+    const counted = ({ result: { pooled: { prediction } } }) => prediction && prediction.hits + prediction.misses + prediction.false_alarms + prediction.quiet;
+    const rows = this.results.filter(counted).map(({ group, result }) => {
       const { precision, recall, recall_of_quiet: quiet, hits, misses, false_alarms: alarms, quiet: right } = result.pooled.prediction;
       return [group.label, fieldName(result.field), percent(precision), percent(recall), percent(quiet), count(hits + misses + alarms + right)];
     });
@@ -356,7 +358,7 @@ class Page {
     const chart = ({ label, results: [{ field, actions: { actions, counts_by_step: counts } }] }) => {
       const totals = counts.map((all) => all.reduce((sum, one) => sum + one, 0));
       const share = (step, of) => (totals[step] ? counts[step][of] / totals[step] : null);
-      const made = new Chart(`Actions, ${label}`, { rows: actions.map(action), xLabel: "step of the episode", xFormat: short, height: 62 + 14 * actions.length });
+      const made = new Chart(`Actions, ${label}`, { rows: actions.map(action), xLabel: "step of the episode", height: 62 + 14 * actions.length });
       made.show({
         series: [], domain: [0, counts.length],
         table: [["action", "step", "share of running episodes"], ...actions.flatMap((name, of) => counts.map((_, step) => [name, step, share(step, of)]))],
@@ -375,7 +377,7 @@ class Page {
     };
     return section("actions", "Actions by step", h("div", { class: "grid broad" }, found.map(chart)),
       says("Share of the episodes still running at a step in which each action was taken. Colours are logarithmic and the same on every map: ",
-        [0.001, 0.01, 0.1, 1].map((value) => [h("span", { class: "heat", style: { background: heat(value) } }), value === 0.001 ? "0.1% or less " : `${100 * value}% `])));
+        [0.001, 0.01, 0.1, 1].map((value) => h("span", { class: "whole" }, h("span", { class: "heat", style: { background: heat(value) } }), value === 0.001 ? "0.1% or less" : `${100 * value}%`)).flatMap((one) => [one, " "])));
   }
 
   /** Which runs there are, and which of their evaluations count. */

@@ -2,13 +2,18 @@
 
 import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
-import { bytes, count, date, duration, figure, number, outcome, percent, kitchenName, short } from "./format.js";
+import { bytes, count, date, duration, figure, number, outcome, percent, reached, kitchenName, short } from "./format.js";
 import { named, progress, stateWord } from "./list.js";
 import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
+/** From this share on the recordings are read: of a run at work there are always new ones. */
+const READ = 0.999;
+/** More kitchens than this fill a column. */
+const LONG = 9;
+
 /** The curves of one run: columns that grow. */
 class Columns {
-  constructor(run) { Object.assign(this, { run, name: run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], metrics: [], paper: {} }); }
+  constructor(run) { Object.assign(this, { run, name: run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], metrics: [], paper: {}, newest: {} }); }
 
   /** Asks for what is new; whether there was anything. */
   async grow(signal) {
@@ -27,7 +32,7 @@ class Columns {
   of(metric, axis) {
     const x = axis === "time" ? this.elapsed_s.map((elapsed_s) => elapsed_s / 3600) : this.frames;
     const y = { "time/frames_per_second": this.series.frames_per_s, "time/elapsed_s": this.elapsed_s }[metric] ?? this.series[metric];
-    return { x, y, stage: this.stage };
+    return { x, y, stage: this.stage, frames: this.frames };
   }
 }
 
@@ -54,10 +59,11 @@ function figures(live) {
 function stages(live) {
   const { metrics } = live.card;
   const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
+  const taken = ({ frames, budget }) => (frames < budget ? `${short(frames)} of ${short(budget)}` : `${short(budget)}, complete`);
   return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Stages" },
     h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col", class: "number" }, label)))),
     h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", { "data-head": "Stage" }, stage.name), h("td", { class: "optional", "data-head": "Reward" }, stage.reward),
-      h("td", { class: "optional", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small" }, short(stage.budget)))), metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
+      h("td", { class: "optional entire", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small whole" }, taken(stage)))), metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage."));
 }
 
@@ -77,10 +83,10 @@ function kitchens(live, run) {
   const most = ({ kind, name }) => (kind === "share" ? 1 : Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.figures[name] ?? 0)));
   const inks = ["--run-0", "--run-2", "--run-1", "--run-3", "--run-4", "--run-5"];
   const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", { class: "small soft" }, text));
-  const reading = live.indexed < 0.999 ? h("p", { class: "small warn" }, `${percent(live.indexed, 0)} of the recordings are read so far.`) : null;
+  const reading = live.indexed < READ ? h("p", { class: "small soft" }, `Of the recordings ${reached(live.indexed)} are read so far.`) : null;
   // Of the oldest episodes, as yet.
   if (live.indexed < 0.9) return [reading];
-  return [reading, h("div", { class: "scroll" }, h("table", { class: "tight" },
+  return [reading, h("div", { class: "scroll" }, h("table", { class: "tight meters" },
     h("thead", {}, h("tr", {}, ["Kitchen", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
@@ -88,6 +94,13 @@ function kitchens(live, run) {
 }
 
 let unfolded = false;
+
+/** How many there are of each kind: "1 learner, 19 actors". */
+function kinds(some) {
+  const names = some.map(({ name }) => name.replace(/-\d+$/, ""));
+  const many = (kind) => names.filter((name) => name === kind).length;
+  return [...new Set(names)].map((kind) => `${many(kind)} ${kind}${many(kind) === 1 ? "" : "s"}`).join(", ");
+}
 
 function workers(live) {
   const alive = ({ pid, stopped }) => pid !== null || stopped;
@@ -100,7 +113,7 @@ function workers(live) {
   return [
     shown.length ? processes(shown) : null,
     folds ? h("details", { open: unfolded, ontoggle: ({ target }) => { unfolded = target.open; } }, h("summary", { class: "small soft" }, `${quiet.length} actors run: ${number(sum("cores"), 1)} cores, ${bytes(sum("memory_bytes"))}`), processes(quiet)) : null,
-    ended.length ? h("details", {}, h("summary", { class: "small soft" }, `${ended.length} ${ended.length === 1 ? "process has" : "processes have"} ended`), processes(ended)) : null,
+    ended.length ? h("details", {}, h("summary", { class: "small soft" }, `${kinds(ended)} ${ended.length === 1 ? "has" : "have"} ended`), processes(ended)) : null,
   ].filter(Boolean);
 }
 
@@ -161,9 +174,11 @@ class Depths {
     this.busy = true;
     const began = performance.now();
     for (const name of [...this.tiles.keys()]) if (!this.chosen.includes(name)) { this.tiles.get(name).element.remove(); this.tiles.delete(name); }
-    for (const name of this.chosen) {
-      if (!this.tiles.has(name)) this.tiles.set(name, this.tile(name));
-      try { await this.draw(name, this.tiles.get(name)); } catch (error) { if (this.signal.aborted) return; this.tiles.get(name).caption.textContent = error.message; }
+    const fresh = this.chosen.filter((name) => !this.tiles.has(name));
+    for (const name of fresh) this.tiles.set(name, this.tile(name));
+    for (const [name, tile] of [...this.tiles]) {
+      try { await this.draw(name, tile); } catch (error) { if (this.signal.aborted) return; tile.caption.textContent = error.message; }
+      tile.link.classList.remove("draws");
     }
     this.busy = false;
     // Nobody asked for these just now: on a machine that trains they take a tenth of one priority's share at most.
@@ -174,7 +189,7 @@ class Depths {
     const canvas = h("canvas", { width: 224, height: 224, role: "img", "aria-label": `Depth, environment ${name}` });
     const caption = h("span", {}, this.called(name));
     const remove = h("button", { class: "small", "aria-label": `Remove environment ${name}`, onclick: () => this.choose(this.chosen.filter((each) => each !== name)) }, "×");
-    const link = h("a", {}, canvas);
+    const link = h("a", { class: "draws" }, canvas);
     const element = h("figure", {}, link, h("figcaption", {}, caption, remove));
     this.grid.append(element);
     return { element, canvas, caption, link, painter: new Painter(canvas), shown: "" };
@@ -201,7 +216,7 @@ class Thumbnails {
     this.grid = h("div", { class: "tiles" });
     // As many as come at most: what is below stays where it is when they do.
     this.wait = h("span", { class: "soft small", role: "status" }, "are drawn when the recordings are read");
-    replace(this.grid, Array.from({ length: 6 }, () => h("figure", {}, h("canvas", { class: "room", "aria-hidden": "true" }), h("figcaption", {}, "\u00a0"))));
+    replace(this.grid, Array.from({ length: 6 }, () => h("figure", {}, h("canvas", { class: "room", "aria-hidden": "true" }), h("figcaption", { class: "lines" }, h("span", {}, "\u00a0"), h("span", {}, "\u00a0")))));
     this.element = h("section", { class: "card" }, h("div", { class: "row between" }, h("div", { class: "row" }, h("h2", {}, "Newest episodes"), this.wait), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
   }
 
@@ -209,7 +224,7 @@ class Thumbnails {
     const version = `${live.rollouts} ${live.card.done}`;
     // Only kitchens are drawn here.
     if (live.card.elsewhere) this.element.hidden = true;
-    if (live.card.elsewhere || live.card.state === "running" || live.indexed < 0.999 || version === this.shown) return;
+    if (live.card.elsewhere || live.card.state === "running" || live.indexed < READ || version === this.shown) return;
     this.shown = version;
     // A machine that is busy with other work may need several tries.
     for (let left = 5; this.shown === version && !this.signal.aborted; left -= 1) {
@@ -232,11 +247,15 @@ class Thumbnails {
     const kind = (word) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : "bad");
     const tiles = rows.map(({ key, target, outcome: ended, kitchen }) => {
       const canvas = h("canvas", { class: "room", width: 320, height: 240, role: "img", "aria-label": `Episode ${key}: ${outcome(ended)}` });
-      return { key, canvas, element: h("figure", {}, h("a", { href: `#/run/${run}/episode/${key}` }, canvas), h("figcaption", {}, h("span", {}, target ?? `kitchen ${kitchen}`), h("span", { class: kind(ended) }, outcome(ended)))) };
+      const link = h("a", { class: "draws", href: `#/run/${run}/episode/${key}` }, canvas);
+      return { key, canvas, link, element: h("figure", {}, link, h("figcaption", { class: "lines" }, h("span", {}, target ?? `kitchen ${kitchen}`), h("span", { class: kind(ended) }, outcome(ended)))) };
     });
     this.wait.remove();
     replace(this.grid, tiles.map(({ element }) => element));
-    for (const { key, canvas } of tiles) await paintEnd(canvas, this.run, key, signal);
+    for (const { key, canvas, link } of tiles) {
+      await paintEnd(canvas, this.run, key, signal);
+      link.classList.remove("draws");
+    }
   }
 }
 
@@ -285,7 +304,7 @@ export async function showTogether(root, runs, signal) {
 /** One run, by its events. */
 export async function showRun(root, run, signal) {
   const encoded = encodeURIComponent(run);
-  const head = h("div", { class: "row between" });
+  const head = h("div", { class: "row between ends" });
   const summary = h("section", { class: "card stack", "aria-label": "Progress" });
   const notes = h("div", {});
   const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation", "evaluations", "times"].map((name) => [name, h("div", {})]));
@@ -297,10 +316,14 @@ export async function showRun(root, run, signal) {
   const kitchensCard = card("By kitchen, newest 50 episodes of each", parts.kitchens);
   const [workersCard, warningsCard, timesCard] = [card("Processes", parts.workers), card("Warnings", parts.warnings), card("Where the time goes", parts.times)];
   const log = h("div", { class: "stack" }, warningsCard, card("Log", parts.log));
-  // Of a run at work what it does now; of one at rest what it has come to.
-  const arrange = (running) => replace(root, head, notes, summary, running
-    ? [curves.element, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, depths.element, parts.evaluations, parts.validation)), h("div", { class: "grid" }, h("div", { class: "stack" }, timesCard, workersCard), log)]
-    : [thumbnails.element, curves.element, parts.evaluations, h("div", { class: "grid" }, kitchensCard, h("div", { class: "stack" }, parts.validation, timesCard, workersCard, log))]);
+  // Of a run at work what it does now; of one at rest what it has come to. Two columns are about as long as each other.
+  const arrange = (running, isLong) => {
+    const [first, second] = [[kitchensCard], running ? [depths.element, parts.evaluations, parts.validation] : [parts.validation]];
+    (isLong || !running ? second : first).push(timesCard, workersCard);
+    if (!running) second.push(log);
+    const columns = h("div", { class: "grid" }, [first, second].map((column) => h("div", { class: "stack" }, column)));
+    replace(root, head, notes, summary, running ? [curves.element, columns, log] : [thumbnails.element, curves.element, parts.evaluations, columns]);
+  };
 
   let rollouts = -1, subject = null;
   const shown = {};
@@ -317,9 +340,10 @@ export async function showRun(root, run, signal) {
     update("notes", notes, live.notes, () => live.notes.map((note) => notice(note)));
     update("summary", summary, [live.card, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);
     const running = live.card.state === "running";
-    if (shown.running !== running) {
-      shown.running = running;
-      arrange(running);
+    const isLong = live.kitchens.length > LONG;
+    if (shown.running !== running || shown.isLong !== isLong) {
+      Object.assign(shown, { running, isLong });
+      arrange(running, isLong);
     }
     update("kitchens", parts.kitchens, [live.kitchens, live.indexed], () => kitchens(live, run));
     update("times", parts.times, live.shares, () => times(live));
@@ -333,6 +357,7 @@ export async function showRun(root, run, signal) {
       h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", { class: "number", "data-head": "Frames" }, count(one.frames)), live.card.metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, one.figures[metric.name]))))))))) : null));
     depths.know(live);
     thumbnails.know(live);
+    Object.assign(columns, { budget: live.card.budget, newest: live.stages.findLast(({ figures: known }) => Object.keys(known).length)?.figures ?? {} });
     if (live.rollouts !== rollouts) {
       rollouts = live.rollouts;
       grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });

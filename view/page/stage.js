@@ -176,13 +176,15 @@ class OrbitView {
   }
 }
 
-/** The floor plan with the way taken. */
+/** The floor plan with the path taken. */
 class PlanView {
   constructor(stage) {
     this.stage = stage;
     const { plan_centre_m: [x, z], plan_half_width_m: half } = stage.episode;
     this.overlay = svg("svg", { viewBox: `${x - half} ${-z - half} ${2 * half} ${2 * half}`, role: "img" });
     Object.assign(this, framed(h("canvas", { width: 420, height: 420, "aria-hidden": "true" }), "plan", this.overlay));
+    const lines = [["path", "path, pale ahead"], ...(stage.episode.target ? [["carried", "target carried"]] : []), ["moved", "displaced"]];
+    this.legend = h("div", { class: "legend small soft" }, lines.map(([kind, text]) => h("span", {}, h("span", { class: `swatch ${kind}` }), text)));
   }
 
   /** Only what the task has channels for is drawn. */
@@ -203,8 +205,8 @@ class PlanView {
       return [svg("line", { class: "moved", x1: fromX, y1: -fromZ, x2: toX, y2: -toZ }), svg("circle", { class: "moved", cx: toX, cy: -toZ, r: 0.045 })];
     });
     replace(this.overlay,
-      svg("polyline", { class: "way ahead", points: points(moments.slice(step), "base_position_m") }),
-      svg("polyline", { class: "way", points: points(moments.slice(0, step + 1), "base_position_m") }),
+      svg("polyline", { class: "path ahead", points: points(moments.slice(step), "base_position_m") }),
+      svg("polyline", { class: "path", points: points(moments.slice(0, step + 1), "base_position_m") }),
       svg("polyline", { class: "carried", points: points(carried, "target_position_m") }),
       goal ? svg("rect", { class: "goal", x: goal[0] - reach, y: goal[1] - reach, width: 2 * reach, height: 2 * reach }) : null,
       moved,
@@ -248,7 +250,7 @@ const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag to turn, two
 
 /** What is marked in the room. */
 export const explained = ({ target }) => h("ul", { class: "marks small soft" },
-  [...(target ? [["--target", "the target, pale where something hides it"]] : []), ["--goal", "the goal"], ["--ghost", "displaced, pale where it stood"]]
+  [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced, pale where it stood"]]
     .map(([ink, text]) => h("li", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text)), h("li", { class: "faint" }, hint()));
 
 /** A picture of the room, and beside it, where there is a place, what is said of it. */
@@ -278,7 +280,7 @@ export class Strip {
     return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
   }
 
-  drag(event, go) { go(Math.round(CLAMP(event.offsetX / this.canvas.clientWidth, 0, 1) * this.steps)); }
+  drag(event, go) { go(CLAMP(Math.floor((event.offsetX / this.canvas.clientWidth) * (this.steps + 1)), 0, this.steps)); }
 
   draw(step) {
     this.step = step;
@@ -287,7 +289,9 @@ export class Strip {
     Object.assign(this.canvas, { width: width * ratio, height: height * ratio });
     const pen = this.canvas.getContext("2d");
     pen.scale(ratio, ratio);
-    const x = (at) => 2 + (at / Math.max(1, this.steps)) * (width - 4);
+    // Each step has a place of the same width, the last one too; the slider above has the same scale.
+    const wide = width / (this.steps + 1);
+    const x = (at) => (at + 0.5) * wide;
     const { task } = this.stages[0].episode;
     const [first, limited] = [task.rewards[0]?.name, limit(task)];
     const height_of = (moment) => moment.channels[limited?.channel]?.[0] ?? 0;
@@ -302,9 +306,10 @@ export class Strip {
         const reward = moment.rewards[first] ?? 0;
         const tall = CLAMP(Math.sqrt(Math.abs(reward)) * 8, 0, lane * 0.6) * Math.sign(reward);
         pen.fillStyle = reward < 0 ? css("--faint") : ink;
-        pen.fillRect(x(at) - 1, middle - Math.max(tall, 0), Math.max(1.5, width / this.steps - 1.5), Math.abs(tall));
+        const bar = Math.max(1.5, wide - 1.5);
+        pen.fillRect(x(at) - bar / 2, middle - Math.max(tall, 0), bar, Math.abs(tall));
         const tick = height - 13 + (index * 13) / this.stages.length;
-        for (const { good } of marks(episode, moment)) { pen.fillStyle = css(good ? "--target" : "--bad"); pen.fillRect(x(at) - 1, tick + 2, good ? 5 : 2.5, 13 / this.stages.length - 4); }
+        for (const { good } of marks(episode, moment)) { const thick = good ? 5 : 2.5; pen.fillStyle = css(good ? "--target" : "--bad"); pen.fillRect(x(at) - thick / 2, tick + 2, thick, 13 / this.stages.length - 4); }
       });
       pen.strokeStyle = css("--ghost");
       pen.lineWidth = 1.6;
@@ -439,7 +444,7 @@ export class Stage {
     // Their order is the declaration's.
     const rewards = task.rewards.map(({ name }) => name).filter((name) => names.includes(name));
     replace(this.parts, h("table", { class: "parts small" },
-      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Reward of this step"), h("th", { scope: "col" }, first.name))),
+      h("thead", {}, h("tr", {}, h("th", { scope: "col", colSpan: 2, class: "alone" }, "Reward of this step"))),
       h("tbody", {}, this.step ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
         rows(all),
         rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, name), h("td", {}, signed(now.rewards[name] ?? 0)))]),
@@ -450,6 +455,6 @@ export class Stage {
     const rows = [...now.moved].sort((a, b) => b[1] - a[1]).map(([thing, far]) => h("tr", {}, h("td", {}, this.episode.things[thing].category), h("td", {}, metres(far))));
     replace(this.moved, h("table", { class: "parts small" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Disturbance"), h("th", { scope: "col" }, metres(now.moved.reduce((total, [, far]) => total + far, 0))))),
-      h("tbody", {}, rows.length ? rows : h("tr", {}, h("td", { colSpan: 2, class: "soft" }, "Nothing is displaced.")))));
+      h("tbody", {}, rows.length ? rows : h("tr", {}, h("td", { colSpan: 2, class: "soft alone" }, "Nothing is displaced.")))));
   }
 }

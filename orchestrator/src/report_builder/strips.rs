@@ -254,7 +254,7 @@ fn words(shown: &show::ShownEpisode, step: usize) -> Vec<String> {
     let printed = shown.task.metrics.iter().filter(|metric| metric.curve && !metric.label.is_empty());
     let values = printed.filter_map(|Metric { label, unit, value, .. }| {
         let [number] = shown.moments[step].numbers(value.as_deref()?)?;
-        Some(format!("{label} {number:.2} {unit}").trim_end().to_owned())
+        Some(format!("{label} {number:.3} {unit}").trim_end().to_owned())
     });
     std::iter::once(format!("step {step} of {last}")).chain(values).collect()
 }

@@ -118,8 +118,14 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
             browser.wait_for(&format!("document.querySelector('main').innerText.includes({terms:?})"));
         }
         // Which episode is shown, and what those came to that were shown to their ends.
-        browser.wait_for("/episode \\d+ in kitchen 7, [A-Z]/.test(document.querySelector('main').innerText)");
-        browser.wait_for("/\\d episodes? shown to the end, SR \\d/.test(document.querySelector('main').innerText)");
+        browser.wait_for(
+            "/Bring the [A-Z].* to its goal[^]*episode \\d+ in kitchen 7/.test(document.querySelector('main').innerText)",
+        );
+        browser.wait_for(
+            "/\\d episodes? shown to the end, SR \\d.*; \\d+ ha(s|ve) ended in all, SR \\d/.test(document.querySelector('main').innerText)",
+        );
+        // The list of all that have ended is one click away.
+        browser.wait_for("/^#.run.small-\\d+.episodes$/.test(document.querySelector('main a').hash)");
         if let Some(folder) = std::env::var_os("STILLROOM_SCREENSHOTS") {
             let picture = browser.screenshot();
             std::fs::write(Path::new(&folder).join("play.png"), picture).expect("a folder of pictures");

@@ -231,7 +231,7 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     assert!(browser.value(play).as_f64().is_some_and(|bottom| bottom <= 800.0), "Play is on the screen");
     assert!(text(browser, ".legend").contains("reward r"), "the strip has a legend");
     browser.resize(1280, 900);
-    browser.wait_for("document.querySelector('.plan svg .robot') && document.querySelector('.plan svg .way')");
+    browser.wait_for("document.querySelector('.plan svg .robot') && document.querySelector('.plan svg .path')");
     // Around the room it is as dark as the page.
     let corner = "document.querySelector('.plan canvas').getContext('2d').getImageData(0, 0, 1, 1).data[0]";
     browser.wait_for(&format!("{corner} > 200"));
