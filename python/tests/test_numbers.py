@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +53,28 @@ PRIVILEGED = 3
 
 
 CLIP = 0.8
+# What a page's program imports as the run's environment: all that its policy is given, for three steps.
+MINE = """
+import gymnasium, numpy
+SPACES = {{"discrete": gymnasium.spaces.Discrete(3), "choices": gymnasium.spaces.MultiDiscrete([3, 2]),
+    "box": gymnasium.spaces.Box(numpy.float32([-1, -0.25]), numpy.float32([1, 2]))}}
+
+class Mine:
+    action_space = SPACES["{space}"]
+    steps = 0
+
+    def reset(self, seed):
+        return self.step(self.action_space.sample())[::4]
+
+    def step(self, action):
+        assert self.action_space.contains(action), action
+        self.steps += 1
+        seen = {{"speed": numpy.ones(4, numpy.float32), "door": numpy.array([-1], numpy.int32), "room": 1}}
+        seen |= {{name: numpy.zeros(shape, kind) for name, kind, shape in {images}}}
+        return seen, 0.0, self.steps > 3, False, {{"action_mask": numpy.ones({outputs}, numpy.int8)}}
+
+make_env = Mine
+"""
 
 
 def weights_of(memory: str, kind: str, normalized: bool) -> dict[str, np.ndarray]:
@@ -141,6 +166,17 @@ def batch_of(kind: str) -> dict[str, np.ndarray]:
     }
 
 
+def page_runs(folder: Path, kind: str) -> None:
+    """The program on the page beside a policy ends with its episode."""
+    (program,) = re.findall(r"```python\n(.*?)```", (folder / "policy.md").read_text(), re.S)
+    space = {"choices": "choices", "masked_choices": "choices", "box": "box"}.get(kind, "discrete")
+    images = [(name, np.dtype(dtype).name, shape) for name, dtype, shape, _ in IMAGES if kind == "images"]
+    (folder / "mine.py").write_text(MINE.format(space=space, images=images, outputs=KINDS[kind][1]))
+    command = [sys.executable, "-c", program + "print(env.steps)"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (0, "4\n"), done.stderr
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("normalized", [False, True])
 @pytest.mark.parametrize("memory", ["none", "gru", "lstm"])
@@ -187,6 +223,11 @@ def test_a_policy_of_numbers_is_the_same_everywhere(tmp_path: Path, memory: str,
     found = load_file(tmp_path / "found.safetensors")
 
     policy = onnxruntime.InferenceSession(tmp_path / "policy.onnx", providers=["CPUExecutionProvider"])
+    places = {"speed": [0, 4], "door": [4, 7], "room": [7, 9]}
+    if is_privileged:
+        places = {"speed": [0, 4], "room": [4, 6]}
+    assert json.loads(policy.get_modelmeta().custom_metadata_map["numbers"]) == places
+    page_runs(tmp_path, kind)
     names = {value.name for value in policy.get_inputs()}
     images = {name for name in batch if name.startswith("images.")}
     remembered = {"none": [], "gru": ["belief"], "lstm": ["belief", "cell"]}[memory]

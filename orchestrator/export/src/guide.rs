@@ -1,8 +1,9 @@
 //! The page that goes with a policy: what it takes and gives, in which units, and ten lines that let it act.
 
 use crate::policy::{IMAGES, MASK, Policy};
+use crate::program::{of_kitchens, of_own_environment};
 use proto::config::{CarriedGoal, GoalCoordinates};
-use proto::task::{ActionHead, Dtype};
+use proto::task::{ActionHead, Dtype, Place};
 use std::fmt::Write;
 
 /// What somebody who has only `model` (its file's name), an ONNX model of this policy, needs to know; Markdown.
@@ -50,9 +51,8 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
         ));
     } else if numbers > 0 {
         let name = policy.numbers_name();
-        line(format_args!(
-            "| {name} | float32 | rows, {numbers} | the task's observations, one behind the other; whole numbers as one-hot |"
-        ));
+        let places: Vec<String> = policy.inputs().places().map(|place| place_of(name, &place)).collect();
+        line(format_args!("| {name} | float32 | rows, {numbers} | {} |", places.join(", ")));
     }
     if network.previous_action {
         line(format_args!("| previous_action | int64 | rows | number of the last action; {actions} at first |"));
@@ -86,9 +86,23 @@ A policy of Stillroom after {frames} frames of training: one step of any number 
     ));
     if policy.has_frame() && !states.is_empty() && policy.has_value() && !policy.action_names().is_empty() {
         line(format_args!("With `pip install onnxruntime` and the package `stillroom`:\n"));
-        text.push_str(&program(policy, model, actions));
+        text.push_str(&of_kitchens(policy, model, actions));
+    } else if !policy.has_frame() {
+        line(format_args!("With `pip install onnxruntime`, in an environment as the run had it:\n"));
+        text.push_str(&of_own_environment(policy, model));
     }
     text
+}
+
+/// An observation's part of the input `numbers`: `numbers[1:3] = position`.
+fn place_of(numbers: &str, place: &Place) -> String {
+    let Place { name, range, one_hot } = place;
+    let at = if range.len() == 1 { range.start.to_string() } else { format!("{}:{}", range.start, range.end) };
+    let coding = one_hot.map_or_else(String::new, |(least, count)| {
+        let each = if range.len() > count { ", each" } else { "" };
+        format!(" (one-hot of {least} to {}{each})", least + count as i64 - 1)
+    });
+    format!("`{numbers}[{at}] = {name}`{coding}")
 }
 
 /// Rows of the table of inputs that images have, but for the frame.
@@ -132,46 +146,9 @@ fn actions_of(policy: &Policy) -> (String, String) {
                  | log_stds | float32 | rows, {actions} | logarithms of their standard deviations |"
             ),
             format!(
-                "An action is {actions} numbers, clipped to {bounds:?}. The file's metadata hold these bounds, too."
+                "An action is {}, clipped to {bounds:?}. The file's metadata hold these bounds, too.",
+                if actions == 1 { "one number".to_owned() } else { format!("{actions} numbers") }
             ),
         ),
     }
-}
-
-fn program(policy: &Policy, model: &str, actions: usize) -> String {
-    let episode = &policy.config.episode;
-    let names = if policy.config.network.previous_action {
-        r#"("depth", "goal", "previous_action")"#
-    } else {
-        r#"("depth", "goal")"#
-    };
-    format!(
-        r#"```python
-import numpy, onnxruntime, stillroom
-
-policy, random = onnxruntime.InferenceSession("{model}"), numpy.random.default_rng(1)
-env = stillroom.ArmPointNav(
-    7, action_space="{action_space}", carried_goal="{carried_goal}", max_steps={max_steps},
-    start_distance_max_m={start}, goal_distance_max_m={goal},
-)
-observation, info = env.reset(seed=1)
-states, ended = {{name: numpy.zeros((1, {hidden}), numpy.float32) for name in {states:?}}}, False
-while not ended:
-    rows = {{name: numpy.expand_dims(observation[name], 0) for name in {names}}}
-    log_probs, value, *after = policy.run(None, rows | states)
-    states = dict(zip(states, after))
-    action = random.choice({actions}, p=numpy.exp(log_probs[0]) / numpy.exp(log_probs[0]).sum())
-    observation, reward, terminated, truncated, info = env.step(action)
-    ended = terminated or truncated
-print("success" if info["success"] else "failure", "after", info["step"], "steps")
-```
-"#,
-        action_space = episode.action_space,
-        carried_goal = policy.carried_goal(),
-        max_steps = episode.max_steps,
-        start = episode.start_distance_max_m,
-        goal = episode.goal_distance_max_m,
-        hidden = policy.config.network.hidden,
-        states = policy.states(),
-    )
 }

@@ -5,6 +5,7 @@ mod file;
 mod guide;
 mod onnx;
 mod policy;
+mod program;
 
 pub use file::{Precision, open, save};
 pub use guide::guide;

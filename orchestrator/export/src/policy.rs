@@ -1,6 +1,6 @@
 use half::f16;
 use proto::checkpoint::{Manifest, ManifestError};
-use proto::config::{CarriedGoal, Config, Memory};
+use proto::config::{CarriedGoal, Config, GoalCoordinates, Memory};
 use proto::digest::sha256;
 use proto::disk::TENSORS_BYTES_MOST;
 use proto::policy_file::{Origin, PolicyFileError};
@@ -121,7 +121,13 @@ impl Policy {
         ];
         let hidden = (network.memory != Memory::None).then(|| ("hidden", network.hidden.to_string()));
         let of_frames = of_frames.into_iter().filter(|_| self.has_frame());
-        let facts = facts.into_iter().chain(of_frames).chain(hidden);
+        let inputs = self.inputs();
+        // Beginning and end of each observation.
+        let places = inputs.places().map(|place| (place.name, [place.range.start, place.range.end]));
+        let places: BTreeMap<&str, [usize; 2]> = places.collect();
+        let is_plain = network.goal == GoalCoordinates::Plain && !places.is_empty();
+        let places = is_plain.then(|| ("numbers", serde_json::json!(places).to_string()));
+        let facts = facts.into_iter().chain(of_frames).chain(hidden).chain(places);
         facts.map(|(name, value)| (name.to_owned(), value)).collect()
     }
 

@@ -288,6 +288,26 @@ fn numbers(memory: Memory) -> (Config, Tensors) {
     (config, tensors)
 }
 
+/// An environment's only observation has a name of the engine's, and its only number an index.
+#[test]
+fn the_page_of_one_observation_and_one_number_has_neither_keys_nor_plurals() {
+    let text = include_str!("../../../learner/tests/support/numbers.toml");
+    let (before, after) = text.split_once("[[channels]]\nname = \"speed\"").unwrap();
+    let rewards = &after[after.find("[[rewards]]").unwrap()..];
+    let kind = "kind = \"discrete\"\nnames = [\"left\", \"stay\", \"right\"]";
+    let channel =
+        "[[channels]]\nname = \"observation\"\nrole = \"observation\"\ndtype = \"f32\"\nrange = [0, 1]\ndoc = \"\"\n";
+    let text = format!("{before}{channel}{rewards}").replace(kind, "kind = \"box\"\nbounds = [[-1, 1]]");
+    Spec::declare(&text.replace("name = \"numbers\"", "name = \"one_number\"")).unwrap();
+    let config = Config::resolve_with("gym", Some(("task = \"one_number\"", "a test"))).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let manifest = write(folder.path(), &Tensors::new());
+    let page = guide(&Policy::read(&RunFolder::new(folder.path()), &manifest, config).unwrap(), "one.onnx");
+    for expected in ["| `numbers[0] = observation` |", "An action is one number, clipped to", "parts = [seen]\n"] {
+        assert!(page.contains(expected), "`{expected}` is missing in\n{page}");
+    }
+}
+
 /// That its numbers are those of the learner is tested with onnxruntime in `python/tests/test_numbers.py`.
 #[test]
 fn a_policy_without_frames_is_a_model_and_a_file_that_names_its_task() {
@@ -303,8 +323,20 @@ fn a_policy_without_frames_is_a_model_and_a_file_that_names_its_task() {
         assert_eq!(onnx(&again).unwrap(), onnx(&policy).unwrap());
         let text = String::from_utf8_lossy(&std::fs::read(&file).unwrap()).into_owned();
         assert!(text.contains("How fast it moves."), "the task's declaration is in it");
+        let places = br#"{"door":[4,7],"room":[7,9],"speed":[0,4]}"#;
+        let model = onnx(&policy).unwrap();
+        assert!(model.windows(places.len()).any(|window| window == places), "the model's metadata name the numbers");
         let page = guide(&policy, "numbers.onnx");
-        assert!(page.contains("| numbers | float32 | rows, 9 |") && !page.contains("depth"), "{page}");
+        for expected in [
+            "| numbers | float32 | rows, 9 | `numbers[0:4] = speed`, `numbers[4:7] = door` (one-hot of -1 to 1), \
+             `numbers[7:9] = room` (one-hot of 0 to 1) |\n",
+            "InferenceSession(\"numbers.onnx\")",
+            "    parts = [seen[\"speed\"], numpy.eye(3)[numpy.int64(seen[\"door\"]) - (-1)], \
+             numpy.eye(2)[numpy.int64(seen[\"room\"])]]\n",
+        ] {
+            assert!(page.contains(expected), "`{expected}` is missing in\n{page}");
+        }
+        assert!(!page.contains("depth"), "{page}");
         let states = ["next_belief", "next_cell"].iter().filter(|name| page.contains(**name)).count();
         assert_eq!(states, memory.states() as usize, "{page}");
         // Another network's weights.

@@ -253,7 +253,7 @@ pub enum CpuArithmetic {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EncoderPrecision {
-    /// `Bfloat16` if it is available, else `Float32`.
+    /// `bfloat16` if it is available, else `float32`.
     Auto,
     /// 32 bits throughout, as libtorch computes them.
     Float32,

@@ -6,6 +6,7 @@ use super::image::Image;
 use super::layout::{Field, Layout};
 use super::spec::Spec;
 use crate::camera::{FRAME_SIDE, WINDOW};
+use std::ops::Range;
 
 /// Numbers of all observations beside the frame at most.
 const NUMBERS_MOST: usize = 1 << 16;
@@ -19,13 +20,30 @@ enum Coding {
     OneHot { least: i64, count: usize },
 }
 
+/// The numbers of an observation.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Numbers {
+    name: String,
+    field: Field,
+    coding: Coding,
+}
+
+/// An observation among the numbers that the policy is given.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place<'a> {
+    pub name: &'a str,
+    pub range: Range<usize>,
+    /// Where each whole number is a one-hot code: the least one, and how many there are.
+    pub one_hot: Option<(i64, usize)>,
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Inputs {
     pub frame: Option<Field>,
     /// All other images, in the order of their names.
     pub images: Vec<Image>,
     /// Those that the policy is given, too, come first.
-    numbers: Vec<(Field, Coding)>,
+    numbers: Vec<Numbers>,
     /// How many of these the critic alone is given.
     privileged: usize,
 }
@@ -43,22 +61,37 @@ impl Inputs {
 
     /// How many of these the policy is given.
     pub fn policy_width(&self) -> usize {
-        width(&self.numbers[..self.numbers.len() - self.privileged])
+        width(self.of_policy())
+    }
+
+    fn of_policy(&self) -> &[Numbers] {
+        &self.numbers[..self.numbers.len() - self.privileged]
+    }
+
+    /// Where each observation lies among the policy's numbers, in their order.
+    pub fn places(&self) -> impl Iterator<Item = Place<'_>> {
+        self.of_policy().iter().scan(0, |end, numbers| {
+            let begin = *end;
+            *end += numbers.count();
+            let one_hot = match numbers.coding {
+                Coding::Plain => None,
+                Coding::OneHot { least, count } => Some((least, count)),
+            };
+            Some(Place { name: &numbers.name, range: begin..*end, one_hot })
+        })
     }
 
     /// The same of what was seen last of a truncated episode; none in a task with images.
     pub fn last(&self, layout: &Layout) -> Option<Self> {
-        let numbers = self.numbers.iter().map(|&(field, coding)| Some((layout.last(field)?, coding)));
+        let last = |numbers: &Numbers| Some(Numbers { field: layout.last(numbers.field)?, ..numbers.clone() });
+        let numbers = self.numbers.iter().map(last);
         let numbers = numbers.collect::<Option<_>>()?;
         self.images.is_empty().then_some(Self { frame: None, images: vec![], numbers, ..*self })
     }
 
     /// Of each number, whether it is one as the task declares it, and not a place of a one-hot code.
     pub fn are_plain(&self) -> impl Iterator<Item = bool> {
-        self.numbers.iter().flat_map(|(field, coding)| match coding {
-            Coding::Plain => std::iter::repeat_n(true, field.count),
-            Coding::OneHot { count, .. } => std::iter::repeat_n(false, field.count * count),
-        })
+        self.numbers.iter().flat_map(|numbers| std::iter::repeat_n(numbers.coding == Coding::Plain, numbers.count()))
     }
 
     /// Whether the numbers begin with a vector in space, or could.
@@ -69,7 +102,7 @@ impl Inputs {
     /// Appends a record's numbers: one observation behind the other, as the task declares them, then what the critic alone
     /// is given. Panics if the record is shorter than its layout, or was not checked.
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
-        for &(field, coding) in &self.numbers {
+        for &Numbers { field, coding, .. } in &self.numbers {
             match coding {
                 Coding::Plain => numbers.extend_from_slice(field.of(record)),
                 Coding::OneHot { least, count } => {
@@ -103,11 +136,11 @@ impl Spec {
             } else if channel.is_bulk() {
                 return refuse(format!("its image `{}` of the shape {:?}", channel.name, channel.shape));
             } else {
-                inputs.numbers.push((field, self.coding(channel)?));
+                inputs.numbers.push(self.numbers(channel, field)?);
             }
         }
         for (channel, &field) in of_role(Role::Privileged) {
-            inputs.numbers.push((field, self.coding(channel)?));
+            inputs.numbers.push(self.numbers(channel, field)?);
             inputs.privileged += 1;
         }
         inputs.images.sort_by(|one, other| one.name.cmp(&other.name));
@@ -125,18 +158,25 @@ impl Spec {
         }
     }
 
-    fn coding(&self, channel: &Channel) -> Result<Coding, SpecError> {
+    fn numbers(&self, channel: &Channel, field: Field) -> Result<Numbers, SpecError> {
         let what = |problem| format!("its channel `{}`: {problem}", channel.name);
-        coding(channel).map_err(|problem| SpecError::Input { task: self.name.clone(), what: what(problem) })
+        let refuse = |problem| SpecError::Input { task: self.name.clone(), what: what(problem) };
+        Ok(Numbers { name: channel.name.clone(), field, coding: coding(channel).map_err(refuse)? })
     }
 }
 
-fn width(numbers: &[(Field, Coding)]) -> usize {
-    let of = |(field, coding): &(Field, Coding)| match coding {
-        Coding::Plain => field.count,
-        Coding::OneHot { count, .. } => field.count * count,
-    };
-    numbers.iter().map(of).sum()
+impl Numbers {
+    /// How many the network is given.
+    fn count(&self) -> usize {
+        match self.coding {
+            Coding::Plain => self.field.count,
+            Coding::OneHot { count, .. } => self.field.count * count,
+        }
+    }
+}
+
+fn width(numbers: &[Numbers]) -> usize {
+    numbers.iter().map(Numbers::count).sum()
 }
 
 fn coding(channel: &Channel) -> Result<Coding, &'static str> {
@@ -188,6 +228,16 @@ mod tests {
         let (spec, inputs) = inputs(&text).unwrap();
         assert_eq!((inputs.width(), inputs.policy_width(), inputs.frame), (2 + 3 + 4 + 1 + 2, 2 + 3 + 4 + 1, None));
         assert!(!inputs.are_coordinates());
+        let places: Vec<_> = inputs.places().map(|place| (place.name, place.range, place.one_hot)).collect();
+        assert_eq!(
+            places,
+            [
+                ("speed", 0..2, None),
+                ("door", 2..5, Some((-1, 3))),
+                ("rooms", 5..9, Some((0, 2))),
+                ("angle", 9..10, None),
+            ]
+        );
         // Records begin on a cache line.
         let mut lines = vec![[0u64; LINE_BYTES / 8]; spec.layout().bytes / LINE_BYTES];
         let record: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);

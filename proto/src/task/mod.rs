@@ -36,7 +36,7 @@ pub use error::SpecError;
 pub use figure::{Column, Curve, Described, Figure, Take};
 pub use head::{ActionHead, PolicyAction};
 pub use image::Image;
-pub use inputs::Inputs;
+pub use inputs::{Inputs, Place};
 pub use layout::{Field, HEADER_BYTES, LINE_BYTES, Layout};
 pub use metric::{Clause, Comparison, Kind, Limit, Measure, Metric, Over};
 pub use outcome::UNFINISHED;

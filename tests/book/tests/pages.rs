@@ -4,6 +4,7 @@
 use book::{Block, How, Types, links, pages, settings_page, source};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -89,7 +90,7 @@ fn a_copied_block_is_as_its_source() {
     assert!(copies >= 1, "{copies} blocks were compared");
 }
 
-/// What a `diff` changes stands in the sources: context and removed lines, one after the other.
+/// What a `diff` changes stands in the sources: context and removed lines, one after the other. `git apply` takes it.
 #[test]
 fn every_diff_fits_the_sources() {
     let root = root();
@@ -112,6 +113,10 @@ fn every_diff_fits_the_sources() {
                 assert!(source.contains(&old), "{place}: not in the source:\n{old}");
                 hunks += 1;
             }
+            let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("own-parts.diff");
+            std::fs::write(&file, &block.text).unwrap();
+            let git = Command::new("git").args(["apply", "--check"]).arg(&file).current_dir(&root).output().unwrap();
+            assert!(git.status.success(), "{place}: {}", String::from_utf8_lossy(&git.stderr));
         }
     }
     assert!(hunks >= 6, "{hunks} hunks were compared");

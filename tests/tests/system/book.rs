@@ -28,9 +28,19 @@ fn is_run(block: &Block) -> bool {
     block.language() == "sh" && matches!(block.how(), How::Run | How::RunSmall)
 }
 
-/// A program `orchestrator` that gives `up` a tiny network and few frames.
+/// The budget of `resume` where a page has one: more than the few frames of `up`.
+const LONGER: &str = "600";
+
+/// A program `orchestrator` that gives `up` a tiny network and few frames, and `resume` few more.
 fn write_small(workshop: &Workshop) {
     let mut script = format!("#!/bin/sh\nprogram='{}'\n", binary("orchestrator").display());
+    // Each word in its turn goes to the end.
+    writeln!(
+        script,
+        "if [ \"$1\" = resume ]; then\nbefore=\nfor word; do\nshift\n[ \"$before\" = --frames ] && set -- \"$@\" {LONGER} || \
+         set -- \"$@\" \"$word\"\nbefore=$word\ndone\nfi"
+    )
+    .expect("a string");
     script += "[ \"$1\" = up ] || exec \"$program\" \"$@\"\nshift\nall=\" $* \"\n";
     for (option, value) in SMALL_OPTIONS {
         writeln!(script, "case $all in *' {option} '*) ;; *) set -- \"$@\" {option} {value} ;; esac")

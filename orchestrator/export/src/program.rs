@@ -1,0 +1,123 @@
+//! The programs on a policy's page: a few lines of Python that let it act.
+
+use crate::policy::{IMAGES, MASK, Policy};
+use proto::task::{ActionHead, Place};
+
+/// In the package's kitchens. `actions`: how many there are.
+pub(crate) fn of_kitchens(policy: &Policy, model: &str, actions: usize) -> String {
+    let episode = &policy.config.episode;
+    let names = if policy.config.network.previous_action {
+        r#"("depth", "goal", "previous_action")"#
+    } else {
+        r#"("depth", "goal")"#
+    };
+    format!(
+        r#"```python
+import numpy, onnxruntime, stillroom
+
+policy, random = onnxruntime.InferenceSession("{model}"), numpy.random.default_rng(1)
+env = stillroom.ArmPointNav(
+    7, action_space="{action_space}", carried_goal="{carried_goal}", max_steps={max_steps},
+    start_distance_max_m={start}, goal_distance_max_m={goal},
+)
+observation, info = env.reset(seed=1)
+states, ended = {{name: numpy.zeros((1, {hidden}), numpy.float32) for name in {states:?}}}, False
+while not ended:
+    rows = {{name: numpy.expand_dims(observation[name], 0) for name in {names}}}
+    log_probs, value, *after = policy.run(None, rows | states)
+    states = dict(zip(states, after))
+    action = random.choice({actions}, p=numpy.exp(log_probs[0]) / numpy.exp(log_probs[0]).sum())
+    observation, reward, terminated, truncated, info = env.step(action)
+    ended = terminated or truncated
+print("success" if info["success"] else "failure", "after", info["step"], "steps")
+```
+"#,
+        action_space = episode.action_space,
+        carried_goal = policy.carried_goal(),
+        max_steps = episode.max_steps,
+        start = episode.start_distance_max_m,
+        goal = episode.goal_distance_max_m,
+        hidden = policy.config.network.hidden,
+        states = policy.states(),
+    )
+}
+
+/// In an environment of the user's own, whose observations are numbers and images.
+pub(crate) fn of_own_environment(policy: &Policy, model: &str) -> String {
+    let (given, before, after) = given(policy);
+    let action = match policy.config.action_head() {
+        ActionHead::Discrete(_) => r#"int(out["log_probs"][0].argmax())  # training and evaluation sample"#.to_owned(),
+        ActionHead::MultiDiscrete(counts) => {
+            let ends = counts.iter().scan(0, |end, count| {
+                *end += usize::from(*count);
+                Some(*end)
+            });
+            let ends: Vec<usize> = ends.take(counts.len().saturating_sub(1)).collect();
+            format!(
+                r#"numpy.array([part.argmax() for part in numpy.split(out["log_probs"][0], {ends:?})])
+    action = action.reshape(env.action_space.shape)  # training and evaluation sample"#
+            )
+        }
+        ActionHead::Box(_) => r#"out["means"][0].reshape(env.action_space.shape)  # training and evaluation sample
+    action = numpy.clip(action, env.action_space.low, env.action_space.high)"#
+            .to_owned(),
+    };
+    format!(
+        r#"```python
+import numpy, onnxruntime
+from mine import make_env  # the run's environment
+
+policy, env = onnxruntime.InferenceSession("{model}"), make_env()
+outputs = [output.name for output in policy.get_outputs()]
+seen, info = env.reset(seed=1)
+states, ended = {{name: numpy.zeros((1, {hidden}), numpy.float32) for name in {states:?}}}, False
+{before}while not ended:
+{given}    out = dict(zip(outputs, policy.run(None, given | states)))
+    states = {{name: out["next_" + name] for name in states}}
+    action = {action}
+{after}    seen, reward, terminated, truncated, info = env.step(action)
+    ended = terminated or truncated
+```
+"#,
+        hidden = policy.config.network.hidden,
+        states = policy.states(),
+    )
+}
+
+/// Lines that fill in the model's inputs but its states, and for the last action a line before the loop and one behind
+/// the choice.
+fn given(policy: &Policy) -> (String, String, String) {
+    let inputs = policy.inputs();
+    let is_bare = inputs.places().map(|place| place.name).chain(inputs.images.iter().map(|image| image.name.as_str()));
+    let is_bare = is_bare.eq(["observation"]);
+    let seen = |name: &str| if is_bare { "seen".to_owned() } else { format!("seen[{name:?}]") };
+    let mut lines = "    given = {}\n".to_owned();
+    let parts: Vec<String> = inputs.places().map(|place| part_of(&seen(place.name), &place)).collect();
+    if !parts.is_empty() {
+        let name = policy.numbers_name();
+        lines += &format!("    parts = [{}]\n", parts.join(", "));
+        lines += "    numbers = numpy.concatenate([numpy.ravel(part) for part in parts])\n";
+        lines += &format!("    given[{name:?}] = numbers.astype(numpy.float32)[None]\n");
+    }
+    for image in &inputs.images {
+        lines += &format!("    given[\"{IMAGES}{}\"] = {}[None]\n", image.name, seen(&image.name));
+    }
+    if policy.is_masked() {
+        lines += &format!("    given[{MASK:?}] = numpy.ravel(info[{MASK:?}]).astype(bool)[None]\n");
+    }
+    if !policy.config.network.previous_action {
+        return (lines, String::new(), String::new());
+    }
+    lines += "    given[\"previous_action\"] = numpy.array([previous])\n";
+    let first = policy.config.action_head().outputs();
+    (lines, format!("previous = {first}\n"), "    previous = action\n".to_owned())
+}
+
+/// An observation as the network takes it.
+fn part_of(seen: &str, place: &Place) -> String {
+    match place.one_hot {
+        None => seen.to_owned(),
+        Some((0, count)) => format!("numpy.eye({count})[numpy.int64({seen})]"),
+        Some((least, count)) => format!("numpy.eye({count})[numpy.int64({seen}) - ({least})]"),
+    }
+}
