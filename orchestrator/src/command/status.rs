@@ -177,6 +177,12 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     if suite::is_suite(folder.root()) {
+        if !args.json {
+            match suite::Standing::read(folder.root()) {
+                Ok(standing) => terminal::out(&standing.summary()),
+                Err(error) => terminal::note(&format!("{error:#}")),
+            }
+        }
         return super::list::show(std::slice::from_ref(&args.run), args.json);
     }
     let identity = Identity::read(&folder)?;

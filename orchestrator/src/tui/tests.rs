@@ -47,7 +47,7 @@ fn run(rollouts: u64) -> (tempfile::TempDir, RunReaders, String) {
 
 fn look(readers: &RunReaders, name: &str, model: &mut Model) {
     let curves = readers.curves(name, model.curves.edition, model.curves.frames.len());
-    model.take(Look { live: readers.live(name), curves });
+    model.take(Look { live: readers.live(name), curves, suite: None });
 }
 
 fn screen(model: &Model, columns: u16, lines: u16) -> Vec<String> {
@@ -101,6 +101,24 @@ fn every_size_is_drawn() {
     }
 }
 
+/// A suite was one of its runs.
+#[test]
+fn a_suite_has_a_line_above_its_run() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    let alone = screen(&model, 80, 24);
+    let suite = || Some("suite small: run 2 of 2, evaluating (suite-test-novel-2)".to_owned());
+    let look = |suite| Look { live: readers.live(&name), curves: readers.curves(&name, 0, 0), suite };
+    model.take(look(suite()));
+    let shown = screen(&model, 80, 24);
+    assert_eq!(shown[0].trim(), suite().unwrap());
+    assert_eq!((&shown[1], &shown[23]), (&alone[0], &alone[23]));
+    // For a moment its file cannot be read.
+    model.take(look(None));
+    assert_eq!(screen(&model, 80, 24)[0], shown[0]);
+}
+
 #[test]
 fn what_is_new_is_added_and_what_is_gone_is_said() {
     let (temporary, readers, name) = run(10);
@@ -138,8 +156,9 @@ fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
     };
     let mut model = Model::default();
     let nothing = || Err(Problem::Unreadable("not asked".to_owned()));
-    model.take(Look { live: nothing(), curves: Ok(new(0, [10, 20], "early")) });
-    model.take(Look { live: nothing(), curves: Ok(new(2, [30, 40], "late")) });
+    let mut take = |curves| model.take(Look { live: nothing(), curves: Ok(curves), suite: None });
+    take(new(0, [10, 20], "early"));
+    take(new(2, [30, 40], "late"));
     assert_eq!(model.curves.frames, [10, 20, 30, 40]);
     assert_eq!(model.curves.series["early"], [Some(1.0), Some(1.0), None, None]);
     assert_eq!(model.curves.series["late"], [None, None, Some(1.0), Some(1.0)]);
