@@ -314,7 +314,7 @@ export async function showRun(root, run, signal) {
     update("head", head, [live.card.state, subject], () => [
       h("div", { class: "row" }, h("h1", {}, named(live.card)), stateWord(live.card.state), h("span", { class: "soft small" }, live.card.evaluation ? ["evaluation", subject && [" of ", h("a", { href: `#/run/${encodeURIComponent(subject)}` }, subject)], " · "] : null, `${live.card.preset} · seed ${live.card.seed}`)),
       h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
-    update("notes", notes, live.notes, () => live.notes.map((note) => notice(note)));
+    update("notes", notes, [live.notes, live.go_on], () => [live.notes.map((note) => notice(note)), live.go_on && h("p", { class: "small soft" }, "go on with: ", h("code", {}, live.go_on))]);
     update("summary", summary, [live.card, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);
     const running = live.card.state === "running";
     if (shown.running !== running) {

@@ -94,6 +94,9 @@ pub struct Live {
     pub recordings: Option<String>,
     pub indexed: f64,
     pub notes: Vec<String>,
+    /// The command that goes on with a run that was cut off or stopped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub go_on: Option<String>,
     /// Changes whenever the figures do.
     pub rollouts: u64,
 }
