@@ -258,7 +258,7 @@ class Page {
       const { shown: metrics } = tasks[some[0].group.task];
       return table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, reward, ...metrics.map((one) => shown(one, figures[one.name]))]))));
     });
-    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage${this.seeds ? ": means over the seeds of a group" : ""}.`));
+    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage, all of them where none ended there${this.seeds ? ": means over the seeds of a group" : ""}.`));
   }
 
   curves() {
