@@ -97,10 +97,11 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
         .collect();
     let wide = |spans: &[Span]| spans.iter().map(Span::width).sum::<usize>();
     let left = usize::from(area.width).saturating_sub(wide(&title) + 3);
-    if left < wide(&stages) + NAME {
+    let name = printable(&card.folder);
+    if left < wide(&stages) + name.chars().count().max(NAME) {
         stages.clear();
     }
-    let name = end_of(&printable(&card.folder), left.saturating_sub(wide(&stages)).max(NAME));
+    let name = end_of(&name, left.saturating_sub(wide(&stages)).max(NAME));
     title.insert(0, Span::from(format!(" {name}  ")).bold());
     title.extend(stages);
     frame.render_widget(Paragraph::new(Line::from(title)), first);

@@ -119,6 +119,20 @@ fn a_suite_has_a_line_above_its_run() {
     assert_eq!(screen(&model, 80, 24)[0], shown[0]);
 }
 
+/// Its beginning gave way to what the colours of the curves are.
+#[test]
+fn a_name_comes_before_the_stages() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    "runs/20261129-205550-demo-1".clone_into(&mut model.live.as_mut().unwrap().card.folder);
+    let first = |columns| screen(&model, columns, 24).remove(0);
+    let narrow = first(80);
+    assert!(narrow.starts_with(" runs/20261129-205550-demo-1  ") && !narrow.contains("━ stage"), "{narrow}");
+    let wide = first(120);
+    assert!(wide.starts_with(" runs/20261129-205550-demo-1  ") && wide.contains("━ stage I  ━ stage II"), "{wide}");
+}
+
 #[test]
 fn what_is_new_is_added_and_what_is_gone_is_said() {
     let (temporary, readers, name) = run(10);
@@ -217,9 +231,9 @@ fn the_oldest_episodes_are_not_shown_as_the_newest() {
         screen(&model, 150, 40).join("\n")
     };
     let early = shown(0.4);
-    assert!(early.contains("40% of the recordings are read") && !early.contains("17      43"), "{early}");
+    assert!(early.contains(" newest episodes, 40% of recordings read ") && !early.contains("17      43"), "{early}");
     let late = shown(0.95);
-    assert!(late.contains("95% of the recordings are read") && late.contains("17      43"), "{late}");
+    assert!(late.contains(" newest episodes, 95% of recordings read ") && late.contains("17      43"), "{late}");
     let whole = shown(1.0);
-    assert!(whole.contains("newest episodes ") && whole.contains("17      43"), "{whole}");
+    assert!(whole.contains(" newest episodes ") && whole.contains("17      43"), "{whole}");
 }
