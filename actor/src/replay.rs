@@ -12,7 +12,7 @@ use film::{Film, Played};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
-use proto::replay::{Performance, RecordedEpisode, ReplayImages, ReplaySetup, ReplayVerdict, Rules, play};
+use proto::replay::{Performance, RecordedEpisode, ReplayImages, ReplayLine, ReplaySetup, ReplayVerdict, Rules, play};
 use simulator::depth::DepthCamera;
 use simulator::environment::Environment;
 use simulator::kitchen::Kitchen;
@@ -24,7 +24,7 @@ use std::sync::Arc;
 
 const SIDE_MAX: u32 = 4096;
 
-/// Reads a setup and episodes from `input` until it ends, writes a verdict on each to `output`.
+/// Reads a setup and episodes from `input` until it ends, writes to `output` a verdict on each, and how much is drawn.
 pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
     let mut lines = input.lines();
     // The process that wanted the replay has ended before it said what.
@@ -42,9 +42,13 @@ pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
         let line = line.context("cannot read an episode")?;
         let episode: RecordedEpisode =
             serde_json::from_str(&line).with_context(|| format!("line {} is not an episode", number + 2))?;
-        let verdict = perform(&mut player, setup.images.as_ref(), &rules, &episode)?;
-        serde_json::to_writer(&mut output, &verdict).context("cannot write a verdict")?;
-        output.write_all(b"\n").and_then(|()| output.flush()).context("cannot write a verdict")?;
+        let mut write = |line: &ReplayLine| {
+            serde_json::to_writer(&mut output, line).context("cannot write a verdict")?;
+            output.write_all(b"\n").and_then(|()| output.flush()).context("cannot write a verdict")
+        };
+        let drawn = || write(&ReplayLine::Drawn { drawn: 1 });
+        let verdict = perform(&mut player, setup.images.as_ref(), &rules, &episode, drawn)?;
+        write(&ReplayLine::Verdict(Box::new(verdict)))?;
     }
     Ok(())
 }
@@ -101,6 +105,7 @@ fn perform(
     images: Option<&ReplayImages>,
     rules: &Rules,
     recorded: &RecordedEpisode,
+    drawn: impl FnMut() -> Result<()>,
 ) -> Result<ReplayVerdict> {
     let Started { environment, camera, fixed } = player.open(recorded)?;
     let played = Played { environment: recorded.environment, episode: recorded.episode, fixed };
@@ -112,7 +117,7 @@ fn perform(
         anyhow::Ok(())
     })?;
     if let (Some(film), Some(images)) = (film, images) {
-        verdict.images = film.develop(images, rules, &outcome, environment.base(), camera)?;
+        verdict.images = film.develop(images, rules, &outcome, environment.base(), camera, drawn)?;
     }
     Ok(verdict)
 }

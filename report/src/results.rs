@@ -15,6 +15,8 @@ pub struct FieldResult {
     pub metrics: BTreeMap<String, Aggregate>,
     pub curves: BTreeMap<String, Vec<LimitPoint>>,
     pub pooled: Figures,
+    /// Of each share that is printed, by name: that of all episodes of all seeds together.
+    pub rates: BTreeMap<String, Rate>,
     /// How often each action was taken at each step, over all seeds together: names, and \[steps\]\[actions\] counts.
     pub actions: ActionShares,
 }
@@ -103,9 +105,11 @@ impl FieldResult {
             let limits = limits.filter(|_| place == 0).unwrap_or_else(|| curve.limits().0);
             (curve.name.clone(), limits.iter().filter_map(point).collect())
         };
+        let rates_of = |episodes: &[&EpisodeRecord]| {
+            shares.iter().map(|(name, column)| (name.clone(), rate(episodes, *column))).collect()
+        };
         let seed = |(row, ((run, evaluated), episodes)): (usize, (&(&Run, &Evaluated), &Vec<&EpisodeRecord>))| {
             let by_kitchen = scores.iter().map(|(name, scores)| (name.clone(), scores.row(row).to_vec()));
-            let rates = shares.iter().map(|(name, column)| (name.clone(), rate(episodes, *column)));
             let subject = &evaluated.result.subject;
             SeedResult {
                 seed: run.config.seed,
@@ -116,13 +120,14 @@ impl FieldResult {
                 deterministic: evaluated.result.conditions.deterministic,
                 weights: subject.weights.clone(),
                 by_kitchen: by_kitchen.collect(),
-                rates: rates.collect(),
+                rates: rates_of(episodes),
             }
         };
         let result = Self {
             field: field.key(),
             seeds: evaluated.iter().zip(&episodes.by_seed).enumerate().map(seed).collect(),
             metrics: scores.iter().map(|(name, scores)| (name.clone(), Aggregate::of(scores, RESAMPLES))).collect(),
+            rates: rates_of(&episodes.by_seed.concat()),
             curves: spec.curves.iter().enumerate().map(curve).collect(),
             pooled: Figures::of(spec, episodes.by_seed.iter().flatten().copied()),
             actions: ActionShares::sum(evaluated.iter().map(|(_, evaluated)| *evaluated)),

@@ -15,6 +15,18 @@ fn made(runs: &[Run]) -> Report {
     Report::of(runs, &Options::default(), Vec::new()).expect("sound runs")
 }
 
+/// The page showed 0 to 0.
+#[test]
+fn seeds_without_a_success_have_wilsons_interval() {
+    let report = made(&[1, 2].map(|seed| run("disturb-two-stage", seed, (-1.0, 0.5))));
+    let result = &report.groups[0].results[0];
+    let rate = result.rates["success"];
+    assert_eq!((result.metrics["success"].mean.interval, rate.share, rate.interval.low), (None, 0.0, 0.0));
+    let episodes = result.pooled.episodes as f64;
+    let square = 1.959_963_984_540_054_f64.powi(2);
+    assert!((rate.interval.high - square / (episodes + square)).abs() < 1e-9, "{rate:?} of {episodes}");
+}
+
 #[test]
 fn the_numbers_are_those_of_the_tables() {
     let runs = study();

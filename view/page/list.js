@@ -13,6 +13,13 @@ export function progress(share, label) {
   return h("div", { class: "bar", role: "img", "aria-label": label ?? width }, h("i", { style: { width } }));
 }
 
+/** Those of a suite, evaluations after their run. */
+function inOrder(cards) {
+  const runs = cards.filter(({ evaluation }) => !evaluation);
+  const of = (run) => cards.filter(({ evaluation, folder }) => evaluation && folder.startsWith(`${run.folder}/`));
+  return [...new Set([...runs.flatMap((run) => [run, ...of(run)]), ...cards])];
+}
+
 /** What a card is sorted by; in a column that it has not it comes last. */
 function place(card, column) {
   const own = { run: card.id, progress: card.done / card.budget, begun: card.created_unix_s };
@@ -37,7 +44,11 @@ export async function showList(root, query, signal) {
     const sign = asked.descending ? -1 : 1;
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
-    replace(body, [...cards].sort((a, b) => compare(value(a), value(b))).map(row));
+    const sorted = [...cards].sort((a, b) => compare(value(a), value(b)));
+    const suiteOf = (card) => card.suite_standing?.folder;
+    const groups = new Map();
+    for (const card of sorted) groups.set(suiteOf(card) ?? card.id, [...groups.get(suiteOf(card) ?? card.id) ?? [], card]);
+    replace(body, [...groups.values()].flatMap((group) => (suiteOf(group[0]) ? [heading(group[0]), ...inOrder(group).map(row)] : group.map(row))));
   };
   const sort = () => {
     for (const [name, value] of Object.entries(asked)) if (value) query.set(name, value); else query.delete(name);
@@ -49,6 +60,8 @@ export async function showList(root, query, signal) {
     h("div", { class: "card scroll" },
       h("table", { class: "fold runs" }, head, body), empty));
 
+  const heading = ({ suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
+    h("b", {}, `suite ${suite}`), `: ${counts}`, report && h("div", { class: "faint small" }, `report: ${report}`)));
   const row = (card) => {
     const box = h("input", {
       type: "checkbox", checked: chosen.has(card.id), "aria-label": `Choose ${card.id}`,
@@ -59,13 +72,13 @@ export async function showList(root, query, signal) {
         beside.hidden = chosen.size !== 2;
       },
     });
-    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card));
+    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.suite_standing ? card.folder.split("/").at(-1) : named(card));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", {},
       h("td", {}, box),
-      h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
+      h("td", card.suite_standing ? { style: { "padding-left": card.evaluation ? "3rem" : "1.5rem" } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
       h("td", {}, progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))),
       metrics.map((label, at) => {
         const metric = card.metrics.find((each) => each.label === label);

@@ -20,11 +20,10 @@ const over = (value, below) => [value, below ? h("small", {}, below) : null];
 /** A figure with its interval beneath. */
 const estimate = (one, { point, interval }) => over(shown(one, point), interval && range(one, interval));
 
-/** A metric's mean in a result; of one seed's share the interval over its episodes. */
-function meanOf({ metrics, seeds }, { name, kind }) {
+/** A metric's mean in a result; of a share of one seed, or of seeds that all agree, Wilson's interval over the episodes. */
+function meanOf({ metrics, rates }, { name }) {
   const { mean } = metrics[name];
-  const interval = mean.interval ?? (kind === "share" && seeds.length === 1 ? seeds[0].rates[name]?.interval : null);
-  return { ...mean, interval };
+  return { ...mean, interval: mean.interval ?? rates[name]?.interval, method: mean.interval ? "95%" : "95%, Wilson's" };
 }
 
 /** A table. `heads`: names; those that begin with # are of numbers. `rows`: cells, and perhaps a class. */
@@ -105,8 +104,8 @@ class Page {
       // Of a run that was not evaluated what its newest training episodes came to.
       const { figures: trained } = group.stages.findLast((stage) => Object.keys(stage.figures).length) ?? { figures: {} };
       const of = (one) => {
-        const { point, interval } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
-        return point === undefined ? null : entry(heading(one), shown(one, point), interval && `95%: ${range(one, interval)}`);
+        const { point, interval, method } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
+        return point === undefined ? null : entry(heading(one), shown(one, point), interval && `${method}: ${range(one, interval)}`);
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
@@ -170,7 +169,7 @@ class Page {
       return [table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns)];
     };
     return section("results", "Results", fields,
-      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM; the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
+      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds do not differ, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
         : `Means over ${this.samples(this.fields[0])}, of one seed. The 95% interval of a share is Wilson's over the episodes of this seed alone.`),
       this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further));
@@ -259,7 +258,7 @@ class Page {
       const { shown: metrics } = tasks[some[0].group.task];
       return table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, reward, ...metrics.map((one) => shown(one, figures[one.name]))]))));
     });
-    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage${this.seeds ? ": means over the seeds of a group" : ""}.`));
+    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage, all of them where none ended there${this.seeds ? ": means over the seeds of a group" : ""}.`));
   }
 
   curves() {
@@ -330,9 +329,9 @@ class Page {
       const ranked = described.filter(({ name }) => points.every(({ metrics }) => metrics[name]));
       const series = ranked.map(({ name, label }, index) => {
         const all = (pick) => points.map(({ metrics }) => pick(metrics[name]));
-        const measured = points.every(({ metrics }) => metrics[name].interval);
+        const measured = points.some(({ metrics }) => metrics[name].interval);
         return { name: label, look: { colour: "--ink", dash: index ? [7, 3] : [] }, x: points.map(({ value }) => value), y: all(({ point }) => point),
-          ...(measured ? { low: all(({ interval }) => interval.low), high: all(({ interval }) => interval.high) } : {}) };
+          ...(measured ? { low: all(({ interval, point }) => interval?.low ?? point), high: all(({ interval, point }) => interval?.high ?? point) } : {}) };
       });
       made.show({ series, most: 1 });
       return made.element;

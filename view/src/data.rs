@@ -36,6 +36,9 @@ pub struct Card {
     /// The suite that it is of.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub suite: Option<String>,
+    /// How that suite stands.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub suite_standing: Option<SuiteStanding>,
     /// What its scenes are called, by number from that of the first scene on.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scenes: Vec<String>,
@@ -61,6 +64,15 @@ pub struct Card {
     pub problem: Option<String>,
 }
 
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SuiteStanding {
+    pub folder: String,
+    /// E.g. `1 of 2 runs done, 1 evaluating`.
+    pub counts: String,
+    /// Path of its report's page, where there is one.
+    pub report: Option<String>,
+}
+
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Live {
     pub card: Card,
@@ -82,6 +94,9 @@ pub struct Live {
     pub recordings: Option<String>,
     pub indexed: f64,
     pub notes: Vec<String>,
+    /// The command that goes on with a run that was cut off or stopped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub go_on: Option<String>,
     /// Changes whenever the figures do.
     pub rollouts: u64,
 }

@@ -1,6 +1,6 @@
 use super::moment::{Captions, Task};
 use proto::kitchen::TargetCategory;
-use proto::task::{Channel, Field, Role, Spec};
+use proto::task::{Channel, Field, Role, Spec, Term, Weight};
 use rapier3d::math::Vec3;
 use simulator::environment::Base;
 
@@ -41,6 +41,16 @@ fn in_words(name: &str) -> String {
     words.to_lowercase()
 }
 
+/// Whether the task's first reward has no negative weight for a part.
+fn is_good(spec: &Spec, part: &str) -> bool {
+    let terms = spec.rewards.first().into_iter().flat_map(|reward| &reward.terms);
+    let weight = |term: &Term| match term {
+        Term::Part(name, Weight::Number(weight)) if name == part => Some(*weight),
+        _ => None,
+    };
+    terms.filter_map(weight).all(|weight| weight >= 0.0)
+}
+
 /// Caption of a moment that an action led to, without its number and the episode's end: parts of rewards that are 1, and
 /// the first measures of what the action led to.
 pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
@@ -48,7 +58,9 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     let remarks = pairs().filter(|(channel, field)| {
         channel.role == Role::Part && channel.values == [0.0, 1.0] && field.number(record) == 1.0
     });
-    let remarks: Vec<String> = remarks.map(|(channel, _)| channel.bare_name().replace('_', " ")).collect();
+    let remark =
+        |(channel, _): (&Channel, &Field)| (channel.bare_name().replace('_', " "), is_good(spec, &channel.name));
+    let remarks = remarks.map(remark).collect();
     let is_measure =
         |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
     let measure = |(channel, field): (&Channel, &Field)| {
@@ -57,7 +69,7 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
     Captions {
         action: in_words(action_name(spec, record).unwrap_or_default()),
-        remark: remarks.join(", "),
+        remarks,
         measures: measures.collect::<Vec<_>>().join(", "),
         outcome: None,
     }

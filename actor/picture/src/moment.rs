@@ -53,8 +53,8 @@ impl Moment {
 #[derive(Debug, Clone, Default)]
 pub struct Captions {
     pub action: String,
-    /// What is to be noted of it: failed, picked up.
-    pub remark: String,
+    /// What is to be noted of it, and whether the task rewards it: failed action, picked up.
+    pub remarks: Vec<(String, bool)>,
     pub measures: String,
     /// How the episode ended, and its place among the task's successes, the most demanding first.
     pub outcome: Option<(String, Option<usize>)>,

@@ -14,8 +14,6 @@ use std::sync::Arc;
 const INK: Rgb = [34, 38, 44];
 const FAINT: Rgb = [112, 118, 126];
 const GOOD: Rgb = [0, 128, 64];
-/// A failed action as well as a success.
-const NOTE: Rgb = [36, 92, 168];
 /// A success that lacks what the task demands most.
 const HALF_GOOD: Rgb = [154, 91, 0];
 const BAD: Rgb = [196, 40, 28];
@@ -86,8 +84,10 @@ fn write(canvas: &mut Canvas, side: usize, task: &Task, captions: &Captions) {
         let color = place.map_or(BAD, |place| if place == 0 { GOOD } else { HALF_GOOD });
         canvas.text(outcome, text_px, end + space, line(1.0), color);
     }
-    let end = canvas.text(&captions.action, text_px, left, line(2.0), INK);
-    canvas.text(&captions.remark, text_px, end + 0.4 * text_px, line(2.0), NOTE);
+    let mut end = canvas.text(&captions.action, text_px, left, line(2.0), INK);
+    for (remark, is_good) in &captions.remarks {
+        end = canvas.text(remark, text_px, end + 0.8 * text_px, line(2.0), if *is_good { GOOD } else { BAD });
+    }
     canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
     // What the colours in the views stand for.
     let (mut at, small_px) = (left, 0.8 * text_px);
@@ -185,12 +185,20 @@ mod tests {
     fn a_caption_shows_its_words_in_their_colours() {
         let (width, height) = Storyboard::size(448);
         let mut canvas = Canvas::new(width, height, PAPER);
-        let captions =
-            Captions { remark: "failed".to_owned(), measures: "goal 1.00 m".to_owned(), ..Captions::default() };
+        let captions = Captions {
+            remarks: vec![("failed".to_owned(), false)],
+            measures: "goal 1.00 m".to_owned(),
+            ..Captions::default()
+        };
         let mut task = Task { target: None, goal: None, goal_tolerance_m: 0.1, title: "Kitchen 26".to_owned() };
         write(&mut canvas, 448, &task, &captions);
         let has = |canvas: &Canvas, colours: &[Rgb]| colours.iter().all(|colour| canvas.pixels.contains(colour));
-        assert!(has(&canvas, &[INK, NOTE, FAINT, DISPLACED]) && !has(&canvas, &[GOOD]));
+        assert!(has(&canvas, &[INK, BAD, FAINT, DISPLACED]) && !has(&canvas, &[GOOD]));
+        // A success had the colour of a failed action.
+        let mut success = Canvas::new(width, height, PAPER);
+        let captions = Captions { remarks: vec![("goal success".to_owned(), true)], ..Captions::default() };
+        write(&mut success, 448, &task, &captions);
+        assert!(has(&success, &[GOOD]) && !has(&success, &[BAD]));
         assert!(!has(&canvas, &[TARGET]) && !has(&canvas, &[GOAL]), "explains what this task has not");
         (task.target, task.goal) = (Some(0), Some(Vec3::ZERO));
         write(&mut canvas, 448, &task, &captions);

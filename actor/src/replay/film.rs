@@ -83,6 +83,7 @@ impl Film {
         self.moments.push(moment(environment, words(rules, seen)));
     }
 
+    /// Draws it; `drawn` is called after each moment.
     pub fn develop(
         mut self,
         images: &ReplayImages,
@@ -90,6 +91,7 @@ impl Film {
         outcome: &str,
         environment: &Base,
         camera: &mut DepthCamera,
+        mut drawn: impl FnMut() -> Result<()>,
     ) -> Result<u64> {
         let kitchen = environment.kitchen();
         let count = self.moments.len() - 1;
@@ -119,6 +121,7 @@ impl Film {
                 Some(story) => sink.moment(&story.draw(moment, &depth_mm))?,
                 None => sink.depth(side, &depth_mm)?,
             }
+            drawn()?;
         }
         sink.finish()
     }
@@ -151,7 +154,10 @@ mod tests {
         set("picked_up", 1.0);
         set("wrist_object_m", 0.25);
         let said = words(&rules, &Seen { record: &record, rewards: Some(&[]) });
-        assert_eq!((said.action.as_str(), said.remark.as_str()), ("move arm height +", "picked up"));
+        assert_eq!(
+            (said.action.as_str(), &said.remarks[..]),
+            ("move arm height +", &[("picked up".to_owned(), true)][..])
+        );
         assert!(said.measures.contains("wrist-object 0.250 m"), "{}", said.measures);
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
         let outcome = |word| outcome_in_words(&rules, word);

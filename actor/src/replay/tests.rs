@@ -52,6 +52,21 @@ fn recorded(config: &Config, episode: u32, actions: &[Action]) -> RecordedEpisod
 }
 
 fn replay(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpisode]) -> Vec<ReplayVerdict> {
+    let mut drawn = 0;
+    let verdict = |line| match line {
+        ReplayLine::Verdict(verdict) => Some(*verdict),
+        ReplayLine::Drawn { drawn: more } => {
+            drawn += more;
+            None
+        }
+    };
+    let verdicts: Vec<ReplayVerdict> = lines(config, images, episodes).into_iter().filter_map(verdict).collect();
+    // Whoever waited read nothing of an episode before it was drawn.
+    assert_eq!(drawn, verdicts.iter().map(|verdict| verdict.images).sum::<u64>());
+    verdicts
+}
+
+fn lines(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpisode]) -> Vec<ReplayLine> {
     let setup = ReplaySetup { config: config.to_toml(), folder: None, images };
     let mut input = serde_json::to_string(&setup).unwrap();
     for episode in episodes {

@@ -177,6 +177,12 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     if suite::is_suite(folder.root()) {
+        if !args.json {
+            match suite::Standing::read(folder.root()) {
+                Ok(standing) => terminal::out(&standing.summary()),
+                Err(error) => terminal::note(&format!("{error:#}")),
+            }
+        }
         return super::list::show(std::slice::from_ref(&args.run), args.json);
     }
     let identity = Identity::read(&folder)?;
@@ -228,8 +234,8 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     }
     // An evaluation is not gone on with.
     if held == LockState::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {
-        let hosts = incarnations.last().and_then(|start| start.shape).map_or(1, |shape| shape.hosts);
-        terminal::out(&format!("go on with: {}", next_steps::go_on(&next_steps::program(), folder.root(), hosts)));
+        let go_on = next_steps::go_on(&next_steps::program(), folder.root(), identity.hosts());
+        terminal::out(&format!("go on with: {go_on}"));
     }
     Ok(())
 }

@@ -4,7 +4,6 @@ use crate::viewer::RunReaders;
 use anyhow::{Context, Result, bail, ensure};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use view::data::Runs;
 
 /// Show a run in this terminal, live: curves, progress, processes, warnings
 ///
@@ -27,8 +26,9 @@ pub struct TopArgs {
 const NICENESS: i32 = 10;
 
 pub fn run(args: &TopArgs) -> Result<()> {
+    let suite = args.run.as_deref().filter(|folder| is_suite(folder));
     let (readers, run) = match &args.run {
-        Some(folder) if is_suite(folder) => newest(folder, true)?,
+        Some(folder) if suite.is_some() => newest(folder, true)?,
         Some(folder) => {
             // Refuses what is no run, with the reason.
             crate::run::identity::Identity::read(&proto::run_folder::RunFolder::new(folder))?;
@@ -51,15 +51,13 @@ pub fn run(args: &TopArgs) -> Result<()> {
     }
     // Where it is refused it is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);
-    show(readers, run)
+    show(readers, run, suite.map(Path::to_owned))
 }
 
-/// The newest run below a folder, evaluations left out; of a suite what is at work before that.
 fn newest(folder: &Path, suite: bool) -> Result<(RunReaders, String)> {
     ensure!(folder.is_dir(), "no run yet: `orchestrator up` starts one; or give the folder of a run");
     let readers = RunReaders::of(vec![folder.to_path_buf()]);
-    let runs = readers.list().into_iter().filter(|card| card.problem.is_none() && (suite || !card.evaluation));
-    let newest = runs.min_by_key(|card| (suite && card.state != "running", card.evaluation));
+    let newest = readers.newest_run(suite);
     let newest =
         newest.with_context(|| format!("there is no run below {}/: give the folder of one", folder.display()))?;
     Ok((readers, newest.id))

@@ -13,7 +13,7 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::kitchen::KitchenId;
-use proto::replay::{Difference, RecordedEpisode, ReplaySetup, ReplayVerdict};
+use proto::replay::{Difference, RecordedEpisode, ReplayLine, ReplaySetup, ReplayVerdict};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
@@ -36,6 +36,8 @@ pub struct Totals {
     pub compared: u64,
     pub images: u64,
     pub different: u64,
+    /// Moments that are drawn, also of episodes without a verdict yet.
+    drawn: u64,
     /// Kitchen, environment, episode, step of the first one, in that order, and what differs.
     pub first: Option<(u32, u32, u32, Difference)>,
     pub kinds: BTreeMap<String, u64>,
@@ -55,10 +57,13 @@ impl Totals {
         }
     }
 
-    fn progress(&self, total: usize, drawn: bool, elapsed_s: f64) -> String {
-        let Self { episodes, compared, different, .. } = self;
-        if drawn {
-            return format!("drawn {episodes} of {total} episodes, {elapsed_s:.0} s, {different} differences");
+    /// Of so many episodes. `frames`: where they are drawn, so many moments.
+    fn progress(&self, total: usize, frames: Option<usize>, elapsed_s: f64) -> String {
+        let Self { episodes, compared, different, drawn, .. } = self;
+        if let Some(frames) = frames {
+            return format!(
+                "drawn {episodes} of {total} episodes, {drawn} of {frames} frames, {elapsed_s:.0} s, {different} differences"
+            );
         }
         let rate = *compared as f64 / elapsed_s.max(1e-3);
         format!(
@@ -70,6 +75,7 @@ impl Totals {
         self.episodes += other.episodes;
         self.compared += other.compared;
         self.images += other.images;
+        self.drawn += other.drawn;
         self.different += other.different;
         self.first = [self.first.take(), other.first].into_iter().flatten().min();
         for (kind, count) in other.kinds {
@@ -79,12 +85,13 @@ impl Totals {
 }
 
 enum Report {
-    Verdict(Box<ReplayVerdict>),
+    Line(ReplayLine),
     Ended(usize, Result<()>),
 }
 
 pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<Totals> {
     let total = episodes.len();
+    let frames = setup.images.as_ref().map(|_| episodes.iter().map(|episode| episode.hashes.len() + 1).sum());
     let deadline = if setup.images.is_some() { DRAWING_DEADLINE } else { SILENCE_DEADLINE };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (reports, inbox) = channel();
@@ -102,8 +109,11 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
     let mut last_answer = began;
     while running > 0 {
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
-            Ok(Report::Verdict(verdict)) => {
-                totals.add(&verdict);
+            Ok(Report::Line(line)) => {
+                match line {
+                    ReplayLine::Verdict(verdict) => totals.add(&verdict),
+                    ReplayLine::Drawn { drawn } => totals.drawn += drawn,
+                }
                 last_answer = Instant::now();
             }
             Ok(Report::Ended(number, outcome)) => {
@@ -123,7 +133,7 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
             Err(RecvTimeoutError::Disconnected) => bail!("an actor's reader ended without a result"),
         }
         if live.is_due(began.elapsed()) {
-            live.show(totals.progress(total, setup.images.is_some(), began.elapsed().as_secs_f64()));
+            live.show(totals.progress(total, frames, began.elapsed().as_secs_f64()));
         }
     }
     live.clear();
@@ -237,15 +247,17 @@ fn listen(output: ChildStdout, expected: &[(EnvironmentId, u32)], reports: &Send
     let mut answered = 0;
     for line in BufReader::new(output).lines() {
         let line = line.context("cannot read from an actor")?;
-        let verdict: ReplayVerdict = serde_json::from_str(&line)
+        let line: ReplayLine = serde_json::from_str(&line)
             .with_context(|| format!("an actor printed a line that is no verdict: {line}"))?;
-        let asked = expected.get(answered);
-        ensure!(
-            asked == Some(&(verdict.environment, verdict.episode)),
-            "an actor answered for another episode than it was asked"
-        );
-        answered += 1;
-        reports.send(Report::Verdict(Box::new(verdict))).map_err(|_| anyhow!("replay was given up"))?;
+        if let ReplayLine::Verdict(verdict) = &line {
+            let asked = expected.get(answered);
+            ensure!(
+                asked == Some(&(verdict.environment, verdict.episode)),
+                "an actor answered for another episode than it was asked"
+            );
+            answered += 1;
+        }
+        reports.send(Report::Line(line)).map_err(|_| anyhow!("replay was given up"))?;
     }
     ensure!(answered == expected.len(), "an actor answered {answered} of {} episodes", expected.len());
     Ok(())
@@ -277,6 +289,16 @@ mod tests {
             .collect();
         assert_eq!(kitchens, [vec![1, 1], vec![3, 4]]);
         assert_eq!(divide(vec![episode(1, 0, 3)], 8).len(), 1);
+    }
+
+    /// Nothing was counted within an episode.
+    #[test]
+    fn frames_are_counted_while_an_episode_is_drawn() {
+        let totals = Totals { episodes: 1, compared: 52, drawn: 83, ..Totals::default() };
+        let expected = "drawn 1 of 4 episodes, 83 of 208 frames, 36 s, 0 differences";
+        assert_eq!(totals.progress(4, Some(208), 36.2), expected);
+        let expected = "replayed 1 of 4 episodes, 52 states, 26 a second, 0 differences";
+        assert_eq!(totals.progress(4, None, 2.0), expected);
     }
 
     #[test]

@@ -11,6 +11,11 @@ pub fn read_manifest(folder: &RunFolder, path: &Path) -> Result<Manifest> {
     Manifest::read_in(folder, path).map_err(|error| anyhow!("{} {error}", path.display()))
 }
 
+/// By it one sees whether a run has another newest checkpoint than before.
+pub fn newest_path(folder: &RunFolder) -> Option<PathBuf> {
+    manifests(folder, &folder.checkpoints()).ok()?.into_iter().next()
+}
+
 /// The newest checkpoint of a run whose manifest can be read, and what is wrong with newer ones. Its tensors may be
 /// damaged, which is not looked at: for a look at a run that somebody works on.
 pub fn newest_readable(folder: &RunFolder) -> Result<(Option<Manifest>, Vec<anyhow::Error>)> {

@@ -207,6 +207,11 @@ impl Identity {
         if self.commanded_actors == Some(asked) { held } else { asked }
     }
 
+    /// Of its newest start.
+    pub fn hosts(&self) -> u32 {
+        self.incarnations.last().and_then(|start| start.shape).map_or(1, |shape| shape.hosts)
+    }
+
     pub fn changes_of_shape(&self) -> Vec<String> {
         let shapes: Vec<ProcessCounts> = self.incarnations.iter().filter_map(|start| start.shape).collect();
         let changed = shapes.windows(2).filter(|pair| pair[0].processes() != pair[1].processes());

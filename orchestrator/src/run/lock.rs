@@ -177,7 +177,8 @@ pub fn wait_for_learners(
     Ok(None)
 }
 
-fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
+/// Whether the lock was taken within this time.
+pub fn wait_for_lock(file: &File, patience: Duration) -> Result<bool> {
     let begin = Instant::now();
     loop {
         match file.try_lock() {

@@ -15,7 +15,7 @@ use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry};
 use crate::report_builder::files::PAGE;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::identity::is_evaluation;
-use crate::run::lock::{LockState, holder};
+use crate::run::lock::{LockState, holder, wait_for_lock};
 use crate::run::scenes;
 use crate::run::unfinished::is_cut_off;
 use crate::training::summary::Summary;
@@ -28,13 +28,15 @@ use proto::run_folder::{RunFolder, unlike_a_flag, write_atomically};
 use proto::shell::quoted;
 use report::study::differences_between;
 use std::ffi::OsStr;
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use wire::fault;
 
 const LOCK: &str = "suite.lock";
 const FILE: &str = "suite.toml";
 const RUNS_NAMED: usize = 4;
+const LOOKED_AT: Duration = Duration::from_millis(500);
 
 pub fn is_suite(folder: &Path) -> bool {
     folder.join(FILE).exists() && !RunFolder::new(folder).identity().exists()
@@ -86,8 +88,12 @@ impl SuiteFolder {
     }
 
     /// The suite's file as it was at the last call: where it is, the folder is a suite's.
-    fn file(&self) -> PathBuf {
+    pub fn file(&self) -> PathBuf {
         self.root.join(FILE)
+    }
+
+    pub fn lock(&self) -> PathBuf {
+        self.root.join(LOCK)
     }
 
     pub fn state(&self) -> PathBuf {
@@ -195,15 +201,12 @@ impl SuiteFolder {
     pub fn open(&self, suite: &Suite, text: &str) -> Result<File> {
         let root = self.root.display();
         std::fs::create_dir_all(&self.root).with_context(|| format!("cannot create {root}"))?;
-        let path = self.root.join(LOCK);
+        let path = self.lock();
         let lock = open_plain(&path, OpenOptions::new().create(true).truncate(false).write(true));
         let lock = lock.with_context(|| format!("cannot open {}", path.display()))?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                bail!("{root} is already in use: another `orchestrator suite` works on it")
-            }
-            Err(TryLockError::Error(error)) => return Err(error).with_context(|| path.display().to_string()),
+        // `status` holds it shared for microseconds.
+        if !wait_for_lock(&lock, LOOKED_AT).with_context(|| path.display().to_string())? {
+            bail!("{root} is already in use: another `orchestrator suite` works on it")
         }
         fault::reach("suite.before_file");
         // The file first: by it the folder is known for a suite's.

@@ -7,6 +7,7 @@ mod file;
 mod folder;
 mod grid;
 mod scheduler;
+mod standing;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -15,3 +16,4 @@ pub use figures::results;
 pub use file::{Asked, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, is_suite, refuse};
 pub use scheduler::{SuiteOutcome, run, standings};
+pub use standing::Standing;

@@ -2,7 +2,7 @@ use crate::recording::recorder::Recorder;
 use crate::run::identity::{Incarnation, Moment, unix_now};
 use crate::supervisor::shell::Audience;
 use crate::training::events;
-use crate::training::metrics::Journal;
+use crate::training::metrics::{Figures, Journal};
 use crate::training::progress::Progress;
 use crate::training::summary::Missing;
 use crate::training::tensorboard::Board;
@@ -11,12 +11,14 @@ use anyhow::Result;
 use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
-use proto::trained::Trained;
+use proto::trained::{History, Trained};
 use std::time::Duration;
 use wire::fault;
 
 pub struct TrainingAudience {
     pub journal: Journal,
+    /// What was trained before this start, as `status` reads it; none from the learner's beginning on.
+    before: Option<History>,
     board: Option<Board>,
     start: Incarnation,
     stages: Vec<StageConfig>,
@@ -29,6 +31,7 @@ impl TrainingAudience {
         let board = || Board::of(folder, config, start.number);
         Ok(Self {
             journal: Journal::open(folder)?,
+            before: Some(Figures::read(folder, true).history),
             board: config.recording.tensorboard.then(board),
             start: start.clone(),
             stages: config.stages.clone(),
@@ -54,6 +57,7 @@ impl Audience for TrainingAudience {
         match event {
             LearnerEvent::Ready { rollout, frames, checkpoint, .. } => {
                 self.journal.begin(*rollout, checkpoint.as_deref())?;
+                self.before = None;
                 if let Some(board) = &mut self.board {
                     board.begin(&self.journal.history);
                 }
@@ -104,7 +108,7 @@ impl Audience for TrainingAudience {
                 board.validations(&validation.scores);
             }
         }
-        self.progress.show(now, &self.journal.history, self.is_busy());
+        self.progress.show(now, self.before.as_ref().unwrap_or(&self.journal.history), self.is_busy());
     }
 
     fn is_busy(&self) -> bool {

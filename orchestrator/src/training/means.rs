@@ -59,7 +59,8 @@ pub struct StageMeans {
     pub multiplier: Option<f64>,
     pub whole: EpisodeMeans,
     pub first_tenth: EpisodeMeans,
-    /// Over the last tenth of its budget; of a stage that has not got there over its newest frames, as many.
+    /// Over the last tenth of its budget; of a stage that has not got there over its newest frames, as many. Over the whole
+    /// stage where no episode ended there.
     pub last_tenth: EpisodeMeans,
 }
 
@@ -92,11 +93,16 @@ fn over_part(rollouts: &[Placed], budget: u64, part: Range<f64>, otherwise: Opti
     EpisodeMeans::over(&chosen.iter().map(|&&(_, _, trained)| trained))
 }
 
-/// Over the newest tenth of the stage's budget that there is.
+/// Over the newest tenth of the stage's budget that there is; over all of the stage where no episode ended there.
 fn newest_tenth(rollouts: &[Placed], budget: u64) -> EpisodeMeans {
     let last = rollouts.last();
     let done = last.map_or(0.0, |&(_, reached, _)| reached as f64 / budget as f64);
-    over_part(rollouts, budget, done - 0.1..1.0, last)
+    let newest = over_part(rollouts, budget, done - 0.1..1.0, last);
+    if newest.episodes > 0 { newest } else { over_whole(rollouts) }
+}
+
+fn over_whole(rollouts: &[Placed]) -> EpisodeMeans {
+    EpisodeMeans::over(&rollouts.iter().map(|&(_, _, trained)| trained))
 }
 
 pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
@@ -109,7 +115,7 @@ pub fn by_stage(stages: &[StageConfig], history: &History) -> Vec<StageMeans> {
             frames,
             budget: stage.frames,
             multiplier: newest.metrics.get(metric::MULTIPLIER),
-            whole: EpisodeMeans::over(&rollouts.iter().map(|&(_, _, trained)| trained)),
+            whole: over_whole(&rollouts),
             first_tenth: over_part(&rollouts, stage.frames, 0.0..0.1, rollouts.first()),
             last_tenth: newest_tenth(&rollouts, stage.frames),
         })
@@ -243,6 +249,20 @@ pub mod tests {
         let figures = by_stage(&stages, &history(2));
         assert_eq!(figures[0].first_tenth.mean_return, Some(0.0));
         assert_eq!(figures[0].last_tenth.mean_return, Some(1.0));
+    }
+
+    /// A complete run of long episodes had no figures.
+    #[test]
+    fn a_stage_without_an_episode_in_its_newest_tenth_has_means_over_all_of_it() {
+        let mut history = history(29);
+        let mut last = super::tests::history(30).iter().next_back().unwrap().clone();
+        last.metrics = BTreeMap::from([(metric::EPISODES.to_owned(), 0.0)]).into();
+        history.insert(last);
+        let stages = stages();
+        let second = &by_stage(&stages, &history)[1];
+        assert_eq!((second.frames, second.whole.episodes), (500, 17));
+        assert_eq!(second.last_tenth, second.whole);
+        assert_eq!(recent(&stages, &history, true).episodes, second.whole);
     }
 
     #[test]

@@ -41,19 +41,30 @@ impl Figures {
     /// Reads a run's folder. `at_rest`: nobody works on the run, so the file should have all that the checkpoint has. A
     /// file that cannot be read is left out, and named.
     pub fn read(folder: &RunFolder, at_rest: bool) -> Self {
-        let mut notes = Vec::new();
-        let (newest, damaged) = newest_readable(folder).unwrap_or_else(|error| (None, vec![error]));
-        notes.extend(damaged.first().map(|error| format!("{error:#}")));
-        let trained = newest.as_ref().map_or(0, |manifest| manifest.rollout);
+        let mut unreadable = None;
         let file = read_file(folder).unwrap_or_else(|error| {
-            notes.push(left_out("metrics.jsonl", &error));
+            unreadable = Some(left_out("metrics.jsonl", &error));
             Some((History::default(), 0))
         });
-        let is_missing = file.is_none() && trained > 0;
+        let is_missing = file.is_none();
+        let (history, damaged) = file.unwrap_or_default();
+        let mut figures = Self { history, notes: Vec::new() };
+        figures.complete(folder, at_rest, is_missing, damaged);
+        figures.notes.extend(unreadable);
+        figures
+    }
+
+    /// Adds what only the newest checkpoint has to what was read of the file, whether that is missing and how many damaged
+    /// lines it has.
+    pub fn complete(&mut self, folder: &RunFolder, at_rest: bool, is_missing: bool, damaged: usize) {
+        let Self { history, notes } = self;
+        let (newest, unreadable) = newest_readable(folder).unwrap_or_else(|error| (None, vec![error]));
+        notes.extend(unreadable.first().map(|error| format!("{error:#}")));
+        let trained = newest.as_ref().map_or(0, |manifest| manifest.rollout);
+        let is_missing = is_missing && trained > 0;
         if is_missing {
             notes.push("metrics.jsonl is missing".to_owned());
         }
-        let (mut history, damaged) = file.unwrap_or_default();
         if damaged > 0 {
             notes.push(format!("metrics.jsonl has {}", counted(damaged as u64, "damaged line")));
         }
@@ -73,7 +84,6 @@ impl Figures {
         let end = history.iter().next_back().map_or(0, |last| last.rollout + 1);
         let gaps = history.gaps(if at_rest { end.max(trained) } else { end });
         notes.extend(lost(&gaps));
-        Self { history, notes }
     }
 }
 
@@ -169,14 +179,14 @@ impl Journal {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use crate::run::checkpoints::tests::manifest;
     use crate::training::means::tests::history;
     use proto::digest::sha256;
 
     /// A run whose newest checkpoint stands before rollout 6, with the figures of all before, and whose file has seven.
-    fn run() -> (tempfile::TempDir, RunFolder) {
+    pub fn run() -> (tempfile::TempDir, RunFolder) {
         let temporary = tempfile::tempdir().unwrap();
         let folder = RunFolder::new(temporary.path());
         std::fs::create_dir_all(folder.checkpoints()).unwrap();

@@ -218,6 +218,11 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     let mut lines: Vec<String> =
         rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect();
     lines.push("means over the newest tenth of each stage; return: first tenth -> newest tenth".to_owned());
+    let is_whole = |stage: &&StageMeans| {
+        stage.whole.episodes > 0 && stage.frames > stage.budget / 10 && stage.last_tenth == stage.whole
+    };
+    let whole = stages.iter().filter(is_whole);
+    lines.extend(whole.map(|stage| format!("stage {}: means over all of its episodes", stage.name)));
     lines
 }
 
@@ -254,6 +259,16 @@ mod tests {
         history.rewind_to(20);
         history.insert(last);
         assert!(lines(&history).contains("the figures of 9 rollouts are lost"), "{}", lines(&history));
+    }
+
+    #[test]
+    fn means_over_a_whole_stage_are_called_so() {
+        let stages = summary().stages;
+        let said =
+            |stages: &[StageMeans]| table(&metrics(), stages).into_iter().skip(stages.len() + 2).collect::<Vec<_>>();
+        assert_eq!(said(&stages), [""; 0]);
+        let whole = StageMeans { last_tenth: stages[1].whole.clone(), ..stages[1].clone() };
+        assert_eq!(said(&[whole]), ["stage II: means over all of its episodes"]);
     }
 
     #[test]

@@ -22,8 +22,11 @@ const KITCHENS: u16 = 45;
 const PANEL_LINES: u16 = 4;
 
 pub fn draw(frame: &mut Frame, model: &Model) {
-    let [head, body, foot] =
-        Layout::vertical([Constraint::Length(HEAD), Constraint::Min(0), Constraint::Length(1)]).areas(frame.area());
+    let suite_lines = u16::from(model.suite.is_some());
+    let lines = [Constraint::Length(suite_lines), Constraint::Length(HEAD), Constraint::Min(0), Constraint::Length(1)];
+    let [suite, head, body, foot] = Layout::vertical(lines).areas(frame.area());
+    let of_suite = model.suite.as_deref().unwrap_or_default();
+    frame.render_widget(Paragraph::new(format!(" {}", printable(of_suite))).bold(), suite);
     frame.render_widget(Paragraph::new(foot_line(model, foot.width)), foot);
     let Some(live) = &model.live else {
         frame.render_widget(Paragraph::new(" reading …"), head);
@@ -94,10 +97,11 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
         .collect();
     let wide = |spans: &[Span]| spans.iter().map(Span::width).sum::<usize>();
     let left = usize::from(area.width).saturating_sub(wide(&title) + 3);
-    if left < wide(&stages) + NAME {
+    let name = printable(&card.folder);
+    if left < wide(&stages) + name.chars().count().max(NAME) {
         stages.clear();
     }
-    let name = end_of(&printable(&card.folder), left.saturating_sub(wide(&stages)).max(NAME));
+    let name = end_of(&name, left.saturating_sub(wide(&stages)).max(NAME));
     title.insert(0, Span::from(format!(" {name}  ")).bold());
     title.extend(stages);
     frame.render_widget(Paragraph::new(Line::from(title)), first);

@@ -7,6 +7,8 @@ use view::data::{Curves, Live, Problem};
 pub struct Look {
     pub live: Result<Live, Problem>,
     pub curves: Result<Curves, Problem>,
+    /// Where its run stands in the suite that is watched.
+    pub suite: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -21,6 +23,7 @@ pub enum Lines {
 #[derive(Debug, Default)]
 pub struct Model {
     pub live: Option<Live>,
+    pub suite: Option<String>,
     pub curves: Curves,
     pub problem: Option<String>,
     pub scrolled: usize,
@@ -32,8 +35,9 @@ pub const CHARTS: usize = 3;
 
 impl Model {
     pub fn take(&mut self, look: Look) {
-        let Look { live, curves } = look;
+        let Look { live, curves, suite } = look;
         self.problem = None;
+        self.suite = suite.or(self.suite.take());
         match live {
             Ok(live) => self.live = Some(live),
             Err(problem) => self.problem = Some(problem.to_string()),

@@ -75,9 +75,9 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
 fn short(count: u64) -> String {
     match count {
         0..10_000 => count.to_string(),
-        10_000..1_000_000 => format!("{}k", count / 1000),
-        1_000_000..10_000_000 => format!("{:.1}M", count as f64 / 1e6),
-        _ => format!("{}M", count / 1_000_000),
+        10_000..999_500 => format!("{}k", (count + 500) / 1000),
+        999_500..9_950_000 => format!("{:.1}M", count as f64 / 1e6),
+        _ => format!("{:.0}M", count as f64 / 1e6),
     }
 }
 
@@ -220,7 +220,7 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let head = Row::new((0..times).flat_map(|_| labels())).bold();
     let title = match live.indexed {
         0.999.. => " newest episodes ".to_owned(),
-        indexed => format!(" {:.0}% of the recordings are read ", 100.0 * indexed),
+        indexed => format!(" newest episodes, {:.0}% of recordings read ", 100.0 * indexed),
     };
     let table = Table::new(rows, (0..times).flat_map(|_| widths())).header(head).column_spacing(0);
     frame.render_widget(table.block(Block::bordered().title(title)), area);
@@ -236,6 +236,23 @@ mod tests {
         assert_eq!(wrapped("/a/long/path at last", 6), ["/a/lon", "g/path", "at", "last"]);
         assert_eq!(wrapped("short", 12), ["short"]);
         assert_eq!(wrapped("", 3), [""]);
+    }
+
+    /// 71 744 frames were 71k.
+    #[test]
+    fn an_axis_ends_at_the_nearest_number() {
+        let cases = [
+            (9999, "9999"),
+            (71_744, "72k"),
+            (999_499, "999k"),
+            (999_500, "1.0M"),
+            (9_949_999, "9.9M"),
+            (9_950_000, "10M"),
+            (44_700_000, "45M"),
+        ];
+        for (count, said) in cases {
+            assert_eq!(short(count), said);
+        }
     }
 
     #[test]

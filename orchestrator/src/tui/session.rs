@@ -4,10 +4,12 @@
 use super::draw::draw;
 use super::model::{Look, Model};
 use crate::output::terminal;
+use crate::suite::Standing;
 use crate::viewer::RunReaders;
 use anyhow::{Context, Result, bail};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread;
@@ -25,10 +27,12 @@ enum News {
     Leave,
 }
 
-pub fn show(readers: RunReaders, run: String) -> Result<()> {
+/// `suite`: the folder of a suite, whose run at work is shown, whichever that is.
+pub fn show(readers: RunReaders, run: String, suite: Option<PathBuf>) -> Result<()> {
     let (sender, inbox) = channel();
     leave_on_signals(sender.clone())?;
-    thread::Builder::new().name("look".to_owned()).spawn(move || look(&readers, &run, &sender)).context("a thread")?;
+    let look = move || look(&readers, run, suite.as_deref(), &sender);
+    thread::Builder::new().name("look".to_owned()).spawn(look).context("a thread")?;
     let mut screen = Screen::open()?;
     let mut model = Model::default();
     let mut is_new = true;
@@ -67,15 +71,22 @@ fn newest(inbox: &Receiver<News>) -> Result<Option<News>> {
     }
 }
 
-fn look(readers: &RunReaders, run: &str, sender: &Sender<News>) {
+fn look(readers: &RunReaders, mut run: String, suite: Option<&Path>, sender: &Sender<News>) {
     let (mut edition, mut known) = (0, 0);
     loop {
         let begun = Instant::now();
-        let curves = readers.curves(run, edition, known);
+        let newest = suite.and_then(|_| readers.newest_run(true)).filter(|newest| newest.id != run);
+        if let Some(newest) = newest {
+            (run, edition, known) = (newest.id, 0, 0);
+        }
+        let curves = readers.curves(&run, edition, known);
         if let Ok(curves) = &curves {
             (edition, known) = (curves.edition, curves.from + curves.frames.len());
         }
-        let look = Look { live: readers.live(run), curves };
+        let live = readers.live(&run);
+        let standing = suite.and_then(|suite| Standing::read(suite).ok());
+        let suite = standing.zip(live.as_ref().ok()).map(|(suite, live)| suite.position(Path::new(&live.card.folder)));
+        let look = Look { live, curves, suite };
         if sender.send(News::Look(Box::new(look))).is_err() {
             return;
         }

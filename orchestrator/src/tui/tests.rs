@@ -47,7 +47,7 @@ fn run(rollouts: u64) -> (tempfile::TempDir, RunReaders, String) {
 
 fn look(readers: &RunReaders, name: &str, model: &mut Model) {
     let curves = readers.curves(name, model.curves.edition, model.curves.frames.len());
-    model.take(Look { live: readers.live(name), curves });
+    model.take(Look { live: readers.live(name), curves, suite: None });
 }
 
 fn screen(model: &Model, columns: u16, lines: u16) -> Vec<String> {
@@ -101,6 +101,38 @@ fn every_size_is_drawn() {
     }
 }
 
+/// A suite was one of its runs.
+#[test]
+fn a_suite_has_a_line_above_its_run() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    let alone = screen(&model, 80, 24);
+    let suite = || Some("suite small: run 2 of 2, evaluating (suite-test-novel-2)".to_owned());
+    let look = |suite| Look { live: readers.live(&name), curves: readers.curves(&name, 0, 0), suite };
+    model.take(look(suite()));
+    let shown = screen(&model, 80, 24);
+    assert_eq!(shown[0].trim(), suite().unwrap());
+    assert_eq!((&shown[1], &shown[23]), (&alone[0], &alone[23]));
+    // For a moment its file cannot be read.
+    model.take(look(None));
+    assert_eq!(screen(&model, 80, 24)[0], shown[0]);
+}
+
+/// Its beginning gave way to what the colours of the curves are.
+#[test]
+fn a_name_comes_before_the_stages() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    "runs/20261129-205550-demo-1".clone_into(&mut model.live.as_mut().unwrap().card.folder);
+    let first = |columns| screen(&model, columns, 24).remove(0);
+    let narrow = first(80);
+    assert!(narrow.starts_with(" runs/20261129-205550-demo-1  ") && !narrow.contains("━ stage"), "{narrow}");
+    let wide = first(120);
+    assert!(wide.starts_with(" runs/20261129-205550-demo-1  ") && wide.contains("━ stage I  ━ stage II"), "{wide}");
+}
+
 #[test]
 fn what_is_new_is_added_and_what_is_gone_is_said() {
     let (temporary, readers, name) = run(10);
@@ -138,8 +170,9 @@ fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
     };
     let mut model = Model::default();
     let nothing = || Err(Problem::Unreadable("not asked".to_owned()));
-    model.take(Look { live: nothing(), curves: Ok(new(0, [10, 20], "early")) });
-    model.take(Look { live: nothing(), curves: Ok(new(2, [30, 40], "late")) });
+    let mut take = |curves| model.take(Look { live: nothing(), curves: Ok(curves), suite: None });
+    take(new(0, [10, 20], "early"));
+    take(new(2, [30, 40], "late"));
     assert_eq!(model.curves.frames, [10, 20, 30, 40]);
     assert_eq!(model.curves.series["early"], [Some(1.0), Some(1.0), None, None]);
     assert_eq!(model.curves.series["late"], [None, None, Some(1.0), Some(1.0)]);
@@ -198,9 +231,9 @@ fn the_oldest_episodes_are_not_shown_as_the_newest() {
         screen(&model, 150, 40).join("\n")
     };
     let early = shown(0.4);
-    assert!(early.contains("40% of the recordings are read") && !early.contains("17      43"), "{early}");
+    assert!(early.contains(" newest episodes, 40% of recordings read ") && !early.contains("17      43"), "{early}");
     let late = shown(0.95);
-    assert!(late.contains("95% of the recordings are read") && late.contains("17      43"), "{late}");
+    assert!(late.contains(" newest episodes, 95% of recordings read ") && late.contains("17      43"), "{late}");
     let whole = shown(1.0);
-    assert!(whole.contains("newest episodes ") && whole.contains("17      43"), "{whole}");
+    assert!(whole.contains(" newest episodes ") && whole.contains("17      43"), "{whole}");
 }

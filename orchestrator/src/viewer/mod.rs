@@ -8,16 +8,17 @@ mod roster;
 pub mod tail;
 mod watched;
 
+use crate::suite::Standing;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
 use roster::{Entry, Roster};
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Runs};
+use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Runs, SuiteStanding};
 use watched::Watched;
 
 const LIST_EVERY: Duration = Duration::from_secs(2);
@@ -125,6 +126,12 @@ impl RunReaders {
         folders.iter().filter_map(name).collect()
     }
 
+    /// The newest run, evaluations left out; of a suite what is at work before that.
+    pub fn newest_run(&self, suite: bool) -> Option<Card> {
+        let runs = self.list().into_iter().filter(|card| card.problem.is_none() && (suite || !card.evaluation));
+        runs.min_by_key(|card| (suite && card.state != "running", card.evaluation))
+    }
+
     fn entries(&self) -> Vec<Entry> {
         self.roster.lock().unwrap_or_else(PoisonError::into_inner).look()
     }
@@ -182,6 +189,12 @@ impl RunReaders {
     }
 }
 
+fn standing(suite: &Path) -> Option<SuiteStanding> {
+    let standing = Standing::read(suite).ok()?;
+    let report = standing.report().map(|page| page.display().to_string());
+    Some(SuiteStanding { folder: suite.display().to_string(), counts: standing.counts(), report })
+}
+
 impl Runs for RunReaders {
     fn list(&self) -> Vec<Card> {
         let mut list = self.list.lock().unwrap_or_else(PoisonError::into_inner);
@@ -194,7 +207,13 @@ impl Runs for RunReaders {
             let mut roster = self.roster.lock().unwrap_or_else(PoisonError::into_inner);
             (roster.look(), roster.left_out.clone())
         };
+        let suites: Vec<Option<PathBuf>> = entries.iter().map(|entry| entry.suite.clone()).collect();
         let mut cards = self.cards(entries);
+        let mut standings: HashMap<PathBuf, Option<SuiteStanding>> = HashMap::new();
+        for (card, suite) in cards.iter_mut().zip(suites) {
+            let standing = |suite| standings.entry(suite).or_insert_with_key(|suite| standing(suite)).clone();
+            card.suite_standing = suite.and_then(standing);
+        }
         cards.extend(left_out);
         cards.sort_by(|a, b| b.created_unix_s.cmp(&a.created_unix_s).then_with(|| a.id.cmp(&b.id)));
         *list = Some((Instant::now(), cards.clone()));

@@ -16,13 +16,15 @@ pub struct Entry {
     /// In addresses: letters, digits, `-`, `_` and `.`; never a path.
     pub id: String,
     pub folder: RunFolder,
-    suite: Option<String>,
+    /// Folder of the suite that it is of.
+    pub suite: Option<PathBuf>,
 }
 
 impl Entry {
     pub fn card(&self) -> Card {
-        let (id, suite) = (self.id.clone(), self.suite.clone());
-        Card { id, suite, folder: self.folder.root().display().to_string(), ..Card::default() }
+        let name = self.suite.as_ref().and_then(|suite| suite.file_name());
+        let suite = name.map(|name| name.to_string_lossy().into_owned());
+        Card { id: self.id.clone(), suite, folder: self.folder.root().display().to_string(), ..Card::default() }
     }
 }
 
@@ -77,9 +79,8 @@ impl Roster {
 }
 
 /// The suite of a run or of a run's evaluation.
-fn suite_of(place: &Path) -> Option<String> {
-    let suite = [2, 4].into_iter().filter_map(|up| place.ancestors().nth(up)).find(|root| is_suite(root))?;
-    Some(suite.file_name()?.to_string_lossy().into_owned())
+fn suite_of(place: &Path) -> Option<PathBuf> {
+    [2, 4].into_iter().filter_map(|up| place.ancestors().nth(up)).find(|root| is_suite(root)).map(Path::to_owned)
 }
 
 /// A folder's name with nothing in it that means something in an address. An evaluation in a run's folder is called

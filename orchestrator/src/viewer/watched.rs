@@ -13,10 +13,12 @@ use crate::output::format;
 use crate::output::log_line::LogLine as Parsed;
 use crate::recording::Recordings;
 use crate::recording::episode_index::{EpisodeIndex, Shelved};
-use crate::run::identity::Identity;
+use crate::run::checkpoints::newest_path;
+use crate::run::identity::{Identity, is_evaluation};
 use crate::run::lock::{LockState, holder, state_of};
 use crate::training::means::{by_stage, recent};
-use crate::training::metrics::left_out;
+use crate::training::metrics::{Figures, left_out};
+use crate::training::next_steps;
 use crate::training::scores::{Score, Scores, result_folder};
 use crate::training::summary::Summary;
 use crate::training::wall::{Wall, elapsed_s, signs_of_life};
@@ -30,7 +32,7 @@ use proto::stage::total_frames;
 use proto::task::Spec;
 use proto::trained::{History, Trained};
 use std::collections::{BTreeMap, HashMap, VecDeque};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tracing::Level;
 use view::data::{
@@ -119,6 +121,8 @@ pub struct Watched {
     history: History,
     damaged: usize,
     left_out: Vec<String>,
+    /// Of a run at rest: its newest checkpoint, with which the figures were completed, and what was noted then.
+    completed: Option<(Option<PathBuf>, Vec<String>)>,
     /// Changes when rollouts that were told are void.
     edition: u64,
     logs: BTreeMap<String, Log>,
@@ -135,6 +139,7 @@ impl Watched {
             history: History::default(),
             damaged: 0,
             left_out: Vec::new(),
+            completed: None,
             edition: 1,
             logs: BTreeMap::new(),
             episode_index: EpisodeIndex::of(folder.clone()),
@@ -161,9 +166,9 @@ impl Watched {
 
     pub fn card(&mut self, patience: Duration) -> Result<Card> {
         let identity = self.notice_another_run()?;
-        self.read_metrics(patience);
-        let config = Config::of_run(&self.folder)?;
         let held = holder(&self.folder)?;
+        self.read_metrics(patience, held == LockState::Free);
+        let config = Config::of_run(&self.folder)?;
         self.card_of(&config, &identity, &held)
     }
 
@@ -174,7 +179,7 @@ impl Watched {
             created_unix_s: identity.created_unix_s,
             elsewhere: config.environment.is_some(),
             metrics: config.spec().shown(),
-            note: self.left_out.first().cloned(),
+            note: self.notes().next().cloned(),
             scenes: scene_names(config, &self.folder),
             ..self.entry.card()
         };
@@ -201,12 +206,20 @@ impl Watched {
         })
     }
 
+    /// The command that goes on with a run at rest which is not complete.
+    fn go_on(&self, identity: &Identity, held: &LockState) -> Result<Option<String>> {
+        if *held != LockState::Free || is_evaluation(&self.folder) || Summary::read(&self.folder)?.is_some() {
+            return Ok(None);
+        }
+        Ok(Some(next_steps::go_on(&next_steps::program(), self.folder.root(), identity.hosts())))
+    }
+
     pub fn live(&mut self) -> Result<Live> {
         let identity = self.notice_another_run()?;
-        self.read_metrics(LOOK);
-        let config = Config::of_run(&self.folder)?;
         let held = holder(&self.folder)?;
         let at_rest = held == LockState::Free;
+        self.read_metrics(LOOK, at_rest);
+        let config = Config::of_run(&self.folder)?;
         self.episode_index.advance(if at_rest { LOOK } else { GLANCE });
         let recent = recent(&config.stages, &self.history, at_rest);
         let here = match &held {
@@ -214,9 +227,9 @@ impl Watched {
             LockState::By(_) | LockState::Free | LockState::Unsigned => None,
         };
         let processes = here.map(|pid| self.processes.look(pid)).unwrap_or_default();
-        let mut notes = self.left_out.clone();
+        let mut notes: Vec<String> = self.notes().cloned().collect();
         notes.extend(self.episode_index.notes.iter().cloned());
-        if self.damaged > 0 {
+        if self.damaged > 0 && self.completed.is_none() {
             notes.push(format!("metrics.jsonl has {}", format::counted(self.damaged as u64, "damaged line")));
         }
         let scores = Scores::read(&self.folder, config.spec(), at_rest);
@@ -246,12 +259,13 @@ impl Watched {
             indexed: self.episode_index.indexed(),
             notes,
             rollouts: self.history.len() as u64,
+            go_on: self.go_on(&identity, &held)?,
             card: self.card_of(&config, &identity, &held)?,
         })
     }
 
     pub fn curves(&mut self, edition: u64, known: usize) -> Result<Curves> {
-        self.read_metrics(LOOK);
+        self.read_metrics(LOOK, holder(&self.folder)? == LockState::Free);
         let config = Config::of_run(&self.folder)?;
         let from = if edition == self.edition { known.min(self.history.len()) } else { 0 };
         let mut begins_at = 0;
@@ -373,7 +387,11 @@ impl Watched {
         Some(EpisodeKey { kitchen, environment, episode })
     }
 
-    fn read_metrics(&mut self, patience: Duration) {
+    fn notes(&self) -> impl Iterator<Item = &String> {
+        self.left_out.iter().chain(self.completed.iter().flat_map(|(_, notes)| notes))
+    }
+
+    fn read_metrics(&mut self, patience: Duration, at_rest: bool) {
         let until = Instant::now() + patience;
         self.left_out.clear();
         let read = self.metrics.length(FIGURES_BYTES_MOST).and_then(|_| {
@@ -386,6 +404,12 @@ impl Watched {
                 }
             }
         });
+        if !at_rest {
+            self.completed = None;
+        } else if !matches!(read, Ok(true)) {
+            let is_missing = read.is_ok() && !self.folder.has(&self.folder.metrics());
+            self.complete(is_missing);
+        }
         match read {
             Ok(false) => {}
             Ok(true) => self.left_out.push("metrics.jsonl is long, and is still being read".to_owned()),
@@ -393,11 +417,29 @@ impl Watched {
         }
     }
 
+    /// The figures of a run at rest are those of `status`: its orchestrator may have been killed before it wrote what its
+    /// learner has saved.
+    fn complete(&mut self, is_missing: bool) {
+        let newest = newest_path(&self.folder);
+        if self.completed.as_ref().is_some_and(|(with, _)| *with == newest) {
+            return;
+        }
+        let before = self.history.len();
+        let mut figures = Figures { history: std::mem::take(&mut self.history), notes: Vec::new() };
+        figures.complete(&self.folder, true, is_missing, self.damaged);
+        self.edition += u64::from(figures.history.len() > before);
+        self.history = figures.history;
+        self.completed = Some((newest, figures.notes));
+    }
+
     fn take_metrics(&mut self, new: &New) {
         if new.anew {
             self.history = History::default();
             self.damaged = 0;
             self.edition += 1;
+        }
+        if new.anew || !new.lines.is_empty() {
+            self.completed = None;
         }
         for line in new.lines.iter().filter(|line| !line.is_empty()) {
             let before = self.history.len();
@@ -547,7 +589,39 @@ fn kitchens(spec: &Spec, episode_index: &EpisodeIndex) -> Vec<Kitchen> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::roster::Roster;
     use super::*;
+    use crate::training::means::tests::{history, stages};
+    use crate::training::metrics;
+
+    /// A killed orchestrator had not written a rollout that its learner saved: `status` counted it, `list`, `top` and the
+    /// page did not.
+    #[test]
+    fn a_run_that_was_cut_off_has_one_number_of_frames() {
+        let (_temporary, folder) = metrics::tests::run();
+        std::fs::write(folder.metrics(), history(4).encode()).unwrap();
+        let config = Config { stages: stages(), ..Config::resolve("demo", None).unwrap() };
+        std::fs::write(folder.config(), config.to_toml()).unwrap();
+        Identity::new().unwrap().write(&folder).unwrap();
+        let status = Figures::read(&folder, true);
+        assert_eq!(status.history.frames(), 300);
+        assert_eq!(
+            status.notes,
+            ["the figures of 2 rollouts are not in metrics.jsonl and are taken from the checkpoint"]
+        );
+        let mut watched = Watched::of(Roster::of(vec![folder.root().to_owned()]).look().remove(0));
+        let card = watched.card(LOOK).unwrap();
+        assert_eq!((card.done, card.note.as_ref()), (300, Some(&status.notes[0])));
+        let live = watched.live().unwrap();
+        assert_eq!((live.card.done, live.rollouts, &live.notes), (300, 6, &status.notes));
+        assert!(live.go_on.unwrap().ends_with(&format!(" resume {}", folder.root().display())));
+        assert_eq!(watched.curves(0, 0).unwrap().frames.last(), Some(&300));
+        // It goes on: the file says what the checkpoint says.
+        std::fs::remove_file(folder.metrics()).unwrap();
+        std::fs::write(folder.metrics(), history(7).encode()).unwrap();
+        let card = watched.card(LOOK).unwrap();
+        assert_eq!((card.done, card.note), (350, None));
+    }
 
     #[test]
     fn of_a_run_that_goes_on_what_has_ended_is_left_out() {

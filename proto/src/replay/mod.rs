@@ -146,7 +146,18 @@ fn digest(numbers: impl IntoIterator<Item = u64>) -> u32 {
     bytes.fold(0x811C_9DC5_u32, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193)).max(1)
 }
 
-/// Every line of the output: the verdict on one episode, in input order.
+/// A line of the output.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum ReplayLine {
+    Verdict(Box<ReplayVerdict>),
+    /// So many more moments of an episode are drawn.
+    Drawn {
+        drawn: u64,
+    },
+}
+
+/// The verdict on one episode. They come in input order.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReplayVerdict {
     pub environment: EnvironmentId,

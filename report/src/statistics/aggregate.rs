@@ -5,7 +5,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Estimate {
     pub point: f64,
-    /// Its 95% interval; none where there is one seed only.
+    /// Its 95% interval; none where there is one seed only, and where seeds agree so much that it would have no width.
     pub interval: Option<Interval>,
 }
 
@@ -22,12 +22,13 @@ pub struct Aggregate {
 impl Aggregate {
     pub fn of(scores: &Scores, resamples: u32) -> Self {
         let found = (scores.seeds() > 1).then(|| intervals(scores, resamples));
+        let [mean, iqm] = [0, 1].map(|which| found.map(|found| found[which]).filter(Interval::has_width));
         let per_seed: Vec<f64> =
             scores.values.chunks_exact(scores.kitchens).map(|row| row.iter().sum::<f64>() / row.len() as f64).collect();
         Self {
             seeds: scores.seeds(),
-            mean: Estimate { point: scores.mean(), interval: found.map(|[mean, _]| mean) },
-            iqm: Estimate { point: scores.interquartile_mean(), interval: found.map(|[_, iqm]| iqm) },
+            mean: Estimate { point: scores.mean(), interval: mean },
+            iqm: Estimate { point: scores.interquartile_mean(), interval: iqm },
             iqm_of_seeds: interquartile_mean(&per_seed),
         }
     }
@@ -44,6 +45,14 @@ mod tests {
         let aggregate = Aggregate::of(&Scores::new(&[vec![0.25, 0.75]]).unwrap(), 10);
         assert_eq!(aggregate.mean, Estimate { point: 0.5, interval: None });
         assert_eq!(aggregate.iqm.interval, None);
+    }
+
+    /// Two seeds without a success had the interval 0 to 0: a resample of equal scores says nothing of others.
+    #[test]
+    fn seeds_that_agree_have_no_interval() {
+        let same = [vec![0.1, 0.0], vec![0.1, 0.0], vec![0.1, 0.0]];
+        let aggregate = Aggregate::of(&Scores::new(&same).unwrap(), 100);
+        assert_eq!((aggregate.mean.interval, aggregate.iqm.interval), (None, None));
     }
 
     proptest! {

@@ -19,6 +19,13 @@ pub struct Interval {
     pub high: f64,
 }
 
+impl Interval {
+    /// More than sums round.
+    pub(super) fn has_width(&self) -> bool {
+        self.high - self.low > 1e-9
+    }
+}
+
 /// Intervals of the mean and of the interquartile mean over this many resamples. The draws are a function of the
 /// matrix's shape, so the same scores always have the same interval.
 pub(super) fn intervals(scores: &Scores, resamples: u32) -> [Interval; 2] {

@@ -59,6 +59,8 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     complete(call(&workshop)).refused("already in use");
     kill_child(child);
     assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
+    let standing = complete(workshop.orchestrator(&["status", "all"])).good();
+    assert!(standing.stdout.starts_with("suite all: 0 of 3 runs done, 2 waiting, 1 cut off\n"), "{standing:#?}");
     first.assert_nothing_left();
     assert!(!first.folder.summary().exists(), "the run was killed in its middle");
 
@@ -109,6 +111,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     assert!(printed.stdout.contains("report      ") && printed.stdout.contains(" report "), "{printed:#?}");
     let done = state(&workshop);
     let listed = complete(workshop.orchestrator(&["status", "all"])).good();
+    assert!(listed.stdout.starts_with("suite all: 3 of 3 runs done\n"), "{listed:#?}");
     assert!(listed.stdout.contains("all/runs/tiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
     for command in ["replay", "eval", "resume", "stop", "logs", "play"] {
         let printed = complete(workshop.orchestrator(&[command, "all"]));

@@ -1,0 +1,118 @@
+//! How a suite stands, from its folder alone: for a look from another process.
+
+use super::file::Suite;
+use super::folder::SuiteFolder;
+use super::state::{RunStatus, State, Status};
+use crate::output::format::counted;
+use anyhow::{Context, Result};
+use proto::run_folder::RunFolder;
+use std::collections::BTreeMap;
+use std::fs::TryLockError;
+use std::path::{Path, PathBuf};
+
+pub struct Standing {
+    folder: RunFolder,
+    name: String,
+    runs: BTreeMap<String, RunStatus>,
+    /// Whether an `orchestrator suite` works on it: what it was at when it was killed still stands in the file.
+    is_held: bool,
+}
+
+impl Standing {
+    pub fn read(root: &Path) -> Result<Self> {
+        let folder = RunFolder::new(root);
+        let suite = SuiteFolder::new(root);
+        let named = || suite.state().display().to_string();
+        let text = folder.read_text(&suite.state()).with_context(named)?;
+        let State { runs, .. } = serde_json::from_str(&text).with_context(named)?;
+        let lock = folder.open(&suite.lock()).ok();
+        let is_held = lock.is_some_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)));
+        let place = std::fs::canonicalize(root).with_context(named)?;
+        let name = place.file_name().unwrap_or(place.as_os_str()).to_string_lossy().into_owned();
+        Ok(Self { folder, name, runs, is_held })
+    }
+
+    fn text(&self, status: &Status) -> String {
+        match status {
+            Status::Training | Status::Evaluating { .. } if !self.is_held => "cut off".to_owned(),
+            status => status.text(),
+        }
+    }
+
+    /// How many runs it has, and how many of them are at what, e.g. `1 of 2 runs done, 1 evaluating`.
+    pub fn counts(&self) -> String {
+        let words = ["training", "evaluating", "waiting", "stopped", "cut off", "failed"];
+        let count = |word: &str| self.runs.values().filter(|run| self.text(&run.status).starts_with(word)).count();
+        let mut parts = vec![format!("{} of {} done", count("done"), counted(self.runs.len() as u64, "run"))];
+        parts.extend(
+            words
+                .iter()
+                .map(|word| (count(word), word))
+                .filter(|(count, _)| *count > 0)
+                .map(|(count, word)| format!("{count} {word}")),
+        );
+        parts.join(", ")
+    }
+
+    pub fn summary(&self) -> String {
+        format!("suite {}: {}", self.name, self.counts())
+    }
+
+    /// Where the run of this folder, or of this folder of an evaluation, stands in the order of the suite's file.
+    pub fn position(&self, run: &Path) -> String {
+        let of_run = || {
+            let below = run.strip_prefix(self.folder.root().join("runs")).ok()?;
+            let name = below.iter().next()?.to_str()?;
+            let file = SuiteFolder::new(self.folder.root()).file();
+            let suite = Suite::parse(&self.folder.read_text(&file).ok()?).ok()?;
+            let mut order = suite.entries.iter().filter(|entry| self.runs.contains_key(&entry.name));
+            let number = order.position(|entry| entry.name == name)? + 1;
+            let status = self.text(&self.runs.get(name)?.status);
+            Some(format!("suite {}: run {number} of {}, {status}", self.name, self.runs.len()))
+        };
+        of_run().unwrap_or_else(|| self.summary())
+    }
+
+    /// Its report's page, where there is one.
+    pub fn report(&self) -> Option<PathBuf> {
+        let page = SuiteFolder::new(self.folder.root()).page();
+        self.folder.has(&page).then_some(page)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "seeds = [2, 1]\n[[runs]]\npreset = \"demo\"\nname = \"tiny\"\n";
+
+    /// One of its runs was shown, and nothing of the suite.
+    #[test]
+    fn runs_are_counted_and_stand_in_the_order_of_the_file() {
+        let temporary = tempfile::tempdir().unwrap();
+        let root = temporary.path().join("small");
+        let folder = SuiteFolder::new(&root);
+        let lock = folder.open(&Suite::parse(TEXT).unwrap(), TEXT).unwrap();
+        assert!(Standing::read(&root).is_err(), "nothing is known yet");
+        let evaluating = Status::Evaluating { evaluation: "suite-test-novel-2".to_owned() };
+        let runs = [("tiny-2", Status::Done), ("tiny-1", evaluating)];
+        let runs = runs.map(|(name, status)| (name.to_owned(), RunStatus { status, tries: 1 })).into();
+        State { schema_version: 3, runs }.write(&folder.state()).unwrap();
+
+        let standing = Standing::read(&root).unwrap();
+        assert_eq!(standing.summary(), "suite small: 1 of 2 runs done, 1 evaluating");
+        let at = |path: &str| standing.position(&root.join(path));
+        assert_eq!(at("runs/tiny-2"), "suite small: run 1 of 2, done");
+        let second = "suite small: run 2 of 2, evaluating (suite-test-novel-2)";
+        assert_eq!(at("runs/tiny-1/evaluations/suite-test-novel-2"), second);
+        assert_eq!(at("runs/other"), standing.summary());
+
+        assert_eq!(standing.report(), None);
+        std::fs::create_dir(folder.report()).unwrap();
+        std::fs::write(folder.page(), "").unwrap();
+        assert_eq!(standing.report(), Some(folder.page()));
+        // Its orchestrator was killed.
+        drop(lock);
+        assert_eq!(Standing::read(&root).unwrap().summary(), "suite small: 1 of 2 runs done, 1 cut off");
+    }
+}
