@@ -4,7 +4,8 @@
 mod command;
 
 use anyhow::Result;
-use clap::Parser;
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser};
 use command::{Command, RolloutArgs};
 use engine::whereabouts;
 use simulator::scene_file::SceneError;
@@ -24,8 +25,22 @@ struct Arguments {
     rollout: RolloutArgs,
 }
 
+/// A command line without a subcommand is the orchestrator's to write.
+fn parsed() -> Arguments {
+    Arguments::try_parse().unwrap_or_else(|error| {
+        let has_no_command = std::env::args().nth(1).is_none_or(|word| word.starts_with('-'));
+        match error.kind() {
+            kind @ (ErrorKind::MissingRequiredArgument | ErrorKind::UnknownArgument) if has_no_command => {
+                let meant = "`orchestrator up` starts it; `actor --help` lists what else it does";
+                Arguments::command().error(kind, meant).exit()
+            }
+            _ => error.exit(),
+        }
+    })
+}
+
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = parsed();
     let is_command = arguments.command.is_some();
     wire::logging::to_stderr();
     whereabouts::name_it_in_panics();

@@ -1,4 +1,5 @@
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
 use learner::process::{self, Arguments, EvaluationArguments, Network};
 use learner::{bench, probe};
 use proto::exit::{EXIT_LOST_PEERS, EXIT_NON_FINITE, EXIT_UNSAVED};
@@ -91,6 +92,20 @@ struct EvaluateArgs {
     lifeline: bool,
 }
 
+/// A command line without a subcommand is the orchestrator's to write.
+fn parsed() -> CommandLine {
+    CommandLine::try_parse().unwrap_or_else(|error| {
+        let has_no_command = std::env::args().nth(1).is_none_or(|word| word.starts_with('-'));
+        match error.kind() {
+            kind @ (ErrorKind::MissingRequiredArgument | ErrorKind::UnknownArgument) if has_no_command => {
+                let meant = "`orchestrator up` starts it; `learner --help` lists what else it does";
+                CommandLine::command().error(kind, meant).exit()
+            }
+            _ => error.exit(),
+        }
+    })
+}
+
 fn main() -> ExitCode {
     // First: any query for CUDA before its library is loaded makes CUDA unavailable for the whole process.
     learner::device::load_cuda();
@@ -99,7 +114,7 @@ fn main() -> ExitCode {
     wire::descriptors::raise_limit();
     learner::device::log_warnings();
     learner::device::log_refusals();
-    let line = CommandLine::parse();
+    let line = parsed();
     let result = match line {
         CommandLine { command: Some(Command::Check), .. } => process::check(std::io::stdout()),
         CommandLine { command: Some(Command::Evaluate(args)), .. } => {

@@ -88,7 +88,8 @@ enum Command {
 pub fn main(version: &'static str) -> ExitCode {
     let matches = CommandLine::command().version(version).try_get_matches();
     let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
-    let line = line.unwrap_or_else(|error| command::tips::with_tip(error, &CommandLine::command()).exit());
+    let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let line = line.unwrap_or_else(|error| command::tips::with_tip(error, &CommandLine::command(), &words).exit());
     output::terminal::init(line.verbose, Box::new(output::events::LogLines));
     // Before any child is started: it inherits the limit.
     wire::descriptors::raise_limit();
@@ -125,7 +126,7 @@ pub fn main(version: &'static str) -> ExitCode {
     });
     let result = result.and_then(|code| output::terminal::demand_written().map(|()| code));
     result.unwrap_or_else(|error| {
-        output::terminal::note(&format!("error: {error:#}"));
+        output::terminal::note(&format!("error: {error:#}{}", command::tips::of_key(&error)));
         ExitCode::from(if wrong::is_wrong(&error) { 2 } else { 1 })
     })
 }

@@ -53,6 +53,11 @@ const NAMED_WRONGLY: [ErrorKind; 5] = [
     ErrorKind::FileTooLarge,
 ];
 
+/// An error and its causes, also of what is wrong in itself.
+pub fn causes(error: &Error) -> impl Iterator<Item = &(dyn std::error::Error + 'static)> {
+    error.downcast_ref::<Wrong>().map_or(error, |Wrong(inner)| inner).chain()
+}
+
 pub fn is_wrong(error: &Error) -> bool {
     let of_config = |cause: &ConfigError| match cause {
         // A disk that fails may work again.

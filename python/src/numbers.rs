@@ -39,7 +39,7 @@ fn scalar(value: &Bound<'_, PyAny>, field: Field, record: &mut [u8]) -> Result<(
         Dtype::F64 => value.extract().ok().map(|number: f64| place.copy_from_slice(&number.to_ne_bytes())),
         dtype => whole(value).filter(|&number| dtype.write(number.cast_unsigned(), place)).map(|_| ()),
     };
-    written.ok_or_else(|| format!("{}, not a number of type {:?}", kind(value), field.dtype))
+    written.ok_or_else(|| format!("{}, not a number of type {}", kind(value), field.dtype))
 }
 
 /// A whole number, or a truth value as 0 or 1.
@@ -68,7 +68,7 @@ fn array<'py, T: Element>(
     shape: &[usize],
     field: Field,
 ) -> Result<PyReadonlyArrayDyn<'py, T>, String> {
-    let wrong = || format!("{}, not an array of {shape:?} {:?}", kind(value), field.dtype);
+    let wrong = || format!("{}, not an array of {shape:?} {}", kind(value), field.dtype);
     let array = value.cast::<PyArrayDyn<T>>().map_err(|_| wrong())?;
     if array.shape() != shape {
         return Err(wrong());
@@ -94,13 +94,20 @@ fn cast<T: Element + Copy, U: bytemuck::Pod>(
         Ok(numbers) => places.iter_mut().zip(numbers).for_each(&mut put),
         Err(_) => places.iter_mut().zip(numbers.as_array().iter()).for_each(&mut put),
     }
-    if fits { Ok(()) } else { Err(format!("{}, with a number beyond {:?}", kind(value), field.dtype)) }
+    if fits { Ok(()) } else { Err(format!("{}, with a number beyond {}", kind(value), field.dtype)) }
 }
 
 /// What a value is, for people: an array with its shape and type, anything else by the name of its type.
-fn kind(value: &Bound<'_, PyAny>) -> String {
+pub fn kind(value: &Bound<'_, PyAny>) -> String {
     match value.cast::<numpy::PyUntypedArray>() {
         Ok(array) => format!("an array of {:?} {}", array.shape(), array.dtype()),
-        Err(_) => value.get_type().name().map_or_else(|_| "something".to_owned(), |name| format!("a {name}")),
+        Err(_) if value.is_none() => "None".to_owned(),
+        Err(_) => value.get_type().name().map_or_else(|_| "something".to_owned(), |name| article(&name.to_string())),
     }
+}
+
+/// A type's name with its article: `an int`.
+fn article(name: &str) -> String {
+    let an = if name.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
+    format!("{an} {name}")
 }

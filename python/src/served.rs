@@ -150,15 +150,13 @@ impl Guest for Served {
             let step = self.environments[index].step.bind(py);
             let returned = self.actions.value(py, action).and_then(|action| step.call1((action,)));
             let returned = returned.map_err(|error| raised(py, "step", &error))?;
-            let returned = returned.cast_into::<PyTuple>().ok().filter(|returned| returned.len() == 5);
-            let returned =
-                returned.ok_or("step() did not return (observation, reward, terminated, truncated, info)")?;
+            let returned = five(returned)?;
             let [observation, reward, terminated, truncated, info] =
                 std::array::from_fn(|at| returned.get_item(at).unwrap_or_else(|_| py.None().into_bound(py)));
             take_in(&self.observed, &observation, &mut record)?;
             if let Some(Source { channel, field }) = &self.reward {
                 let written = numbers::write(&reward, &[], *field, record.piece(channel));
-                written.map_err(|wrong| format!("its reward is {wrong}"))?;
+                written.map_err(|wrong| format!("step()'s reward is {wrong}"))?;
             }
             take_in(&self.of_info, &info, &mut record)?;
             self.keep(index, observation);
@@ -201,6 +199,19 @@ impl Guest for Served {
     }
 }
 
+/// What `step` returned, if it has as many values as Gymnasium says.
+fn five(returned: Bound<'_, PyAny>) -> Result<Bound<'_, PyTuple>, String> {
+    const NEEDED: &str = "observation, reward, terminated, truncated, info are needed";
+    let returned = returned.cast_into::<PyTuple>().map_err(|error| {
+        format!("step() returned {}, not a tuple of five values: {NEEDED}", numbers::kind(&error.into_inner()))
+    })?;
+    match returned.len() {
+        5 => Ok(returned),
+        1 => Err(format!("step() returned 1 value: {NEEDED}")),
+        values => Err(format!("step() returned {values} values: {NEEDED}")),
+    }
+}
+
 /// Writes channels into a record.
 fn take_in<'a>(
     sources: impl IntoIterator<Item = &'a (Source, Option<String>)>,
@@ -222,7 +233,7 @@ fn take_in<'a>(
 /// That a method raised an exception, and where. Its traceback goes to the log.
 fn raised(py: Python<'_>, method: &str, error: &PyErr) -> String {
     if error.is_instance_of::<PySystemExit>(py) {
-        return format!("{method}() asked Python to exit ({})", error.value(py));
+        return format!("{method}() called sys.exit({})", error.value(py));
     }
     error.display(py);
     let told = py.import("stillroom.fault").and_then(|fault| fault.call_method1("told", (error.value(py),)));

@@ -87,10 +87,10 @@ impl Settings {
             return Err(PyValueError::new_err("disturbance_weight counts with reward=\"r_prime\" only"));
         }
         config.validate().map_err(|error| match error {
-            ConfigError::OutOfRange { key: "reward", value, problem } => {
+            ConfigError::OutOfRange { key: "reward", value, problem, .. } => {
                 PyValueError::new_err(format!("disturbance_weight is {value}: it {problem}"))
             }
-            ConfigError::OutOfRange { key, value, problem } => {
+            ConfigError::OutOfRange { key, value, problem, .. } => {
                 let name = key.rsplit('.').next().unwrap_or(key);
                 PyValueError::new_err(format!("{name} is {value}: it {problem}"))
             }

@@ -138,6 +138,14 @@ def custom(kitchen: stillroom.Kitchen, value: object) -> None:
         env.step(action)
 
 
+def test_a_part_that_a_reward_does_not_have_is_named_beside_those_that_are(kitchen: stillroom.Kitchen) -> None:
+    function = {"reward": lambda parts: parts["nope"]}
+    for env, action in ((one(kitchen, **function), 0), (many(kitchen, **function), [0] * 3)):
+        env.reset(seed=1)
+        with pytest.raises(KeyError, match="the reward has no part 'nope'; it has .*, "):
+            env.step(action)
+
+
 def test_ranges_are_said(kitchen: stillroom.Kitchen) -> None:
     single, vector = one(kitchen), many(kitchen)
     single.reset(seed=1)

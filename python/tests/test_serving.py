@@ -107,8 +107,8 @@ def test_a_mask_in_info_is_declared_and_kept_to():
         (None, spaces.MultiDiscrete([3, 2], start=[0, 1]), "begin with"),
         (None, spaces.Discrete(3, start=1), "begin with 0"),
         (None, spaces.Discrete(255), "at most 254"),
-        (spaces.Text(5), None, "observations are Box"),
-        (spaces.Tuple([spaces.Discrete(2)]), None, "observations are Box"),
+        (spaces.Text(5), None, "observations are Box.*encode text as numbers in a wrapper"),
+        (spaces.Tuple([spaces.Discrete(2)]), None, "observations are Box.*gymnasium.wrappers.FlattenObservation"),
         (spaces.Dict({"a": spaces.Dict({"b": spaces.Discrete(2)})}), None, "observations are Box"),
         (spaces.Dict({"7": spaces.Discrete(2)}), None, "begins with a letter"),
         (spaces.Box(0, 1, (2,), np.float16), None, "is of float16"),
@@ -151,16 +151,16 @@ class Faulty(Env):
     [
         ({"reward": float("nan")}, "the environment's reward is nan, which is not finite"),
         ({"reward": np.zeros(2)}, "the environment's reward is array.*, not a number"),
-        ({"reward": None}, "the environment's reward is None, not a number"),
+        ({"reward": None}, "step..'s reward is None"),
         (
             {"observation": np.full(3, np.nan, np.float32)},
-            "the environment's observation `observation` is nan, which is not finite",
+            r"the environment's observation `observation` at \[0\] is nan, which is not finite",
         ),
         ({"observation": np.full(3, 7, np.float32)}, "is 7.0, which is not between -1.0 and 1.0"),
         ({"observation": np.zeros(4, np.float32)}, r"is an array of \[4\] float32"),
         ({"info": {}}, "info of the environment's step.. has no `speed`, which the declaration names"),
         ({"info": {"speed": 3.0}}, "the environment's `speed` in info is 3.0, which is not between 0 and 2"),
-        ({"more": 0}, "step.. did not return"),
+        ({"more": 0}, "step.. returned 6 values: observation, reward, terminated, truncated, info are needed"),
     ],
 )
 def test_what_a_run_would_refuse_at_the_first_step_is_refused_before(instead, problem):
@@ -269,6 +269,8 @@ class E(gymnasium.Env):
             "cannot be made: AttributeError: 'E' object has no attribute 'x' (mine.py:4)",
         ),
         (3, "def E(): return None", "E() returned None, which is no gymnasium.Env"),
+        (3, "def E(): return 5", "E() returned an int, which is no gymnasium.Env"),
+        (3, "import sys\ndef E(): sys.exit(4)", "the environment's E() called sys.exit(4) (mine.py:"),
     ],
 )
 def test_an_exception_is_one_sentence_with_its_place(tmp_path: Path, line: int, instead: str, said: str) -> None:

@@ -91,6 +91,14 @@ def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch):
         stillroom.train(make_cart_pole, frames=1, orchestrator="no-such-program")
 
 
+def test_what_another_program_says_in_the_place_of_ours_is_passed_on(tmp_path):
+    program = tmp_path / "orchestrator"
+    program.write_text("#!/bin/sh\necho 'orchestrator: this wheel has no programs' >&2\nexit 1\n")
+    program.chmod(0o755)
+    with pytest.raises(stillroom.RunError, match="ended with 1: orchestrator: this wheel has no programs"):
+        stillroom.train(make_cart_pole, frames=1, run=tmp_path / "run", orchestrator=str(program))
+
+
 STAGES = [{"name": name, "reward": name, "frames": 128} for name in ("r", "careful", "constrained")]
 
 

@@ -1,5 +1,6 @@
 use crate::environment::consent;
 use crate::output::terminal;
+use crate::run::identity::Identity;
 use anyhow::{Result, bail};
 use proto::config::{Config, EnvironmentConfig};
 use proto::run_folder::RunFolder;
@@ -19,6 +20,7 @@ pub struct AllowArgs {
 }
 
 pub fn run(args: &AllowArgs) -> Result<()> {
+    Identity::read(&RunFolder::new(&args.run))?;
     let config = Config::of_run(&RunFolder::new(&args.run))?;
     let Some(EnvironmentConfig { command, .. }) = &config.environment else {
         bail!("{} has built-in environments: there is nothing to allow", args.run.display())

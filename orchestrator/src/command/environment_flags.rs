@@ -45,6 +45,9 @@ impl EnvironmentFlags {
             demand!(self.env_declaration.is_none(), "--env-declaration goes with --env or --env-command");
             return Ok(vec![]);
         };
+        if let Some(task) = given.built_in_task()? {
+            reject!("task = \"{task}\" is a built-in task, and an environment of your own has its own: leave it out");
+        }
         let mut environment = EnvironmentConfig { command, declaration: String::new() };
         let file = self.env_declaration.as_ref().map_or_else(String::new, |path| path.display().to_string());
         let more = match &self.env_declaration {
@@ -82,6 +85,8 @@ impl EnvironmentFlags {
         }
         let Some(env) = &self.env else { return Ok(None) };
         let Some((place, name)) = env.split_once(':') else {
+            let is_file = Path::new(env).extension().is_some_and(|extension| extension == "py");
+            demand!(!is_file, "--env {env} names no function: give it, as in {env}:make_env");
             reject!(
                 "--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function, as in \
                  gymnasium:{env}"
@@ -107,7 +112,10 @@ impl EnvironmentFlags {
     fn interpreter(&self) -> Result<PathBuf> {
         let active = || std::env::var_os("VIRTUAL_ENV").map(|folder| PathBuf::from(folder).join("bin/python"));
         match &self.python {
-            Some(python) if python.components().count() > 1 => Ok(std::path::absolute(python)?),
+            Some(python) if python.components().count() > 1 => {
+                demand!(python.exists(), "--python {} does not exist", python.display());
+                Ok(std::path::absolute(python)?)
+            }
             Some(python) => {
                 let name = python.to_str().context("--python is not text")?;
                 on_path(name).with_context(|| format!("there is no program `{name}` on the PATH"))

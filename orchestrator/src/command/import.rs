@@ -7,14 +7,17 @@ use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, prepare};
 use crate::run::identity::Identity;
 use crate::run::scenes;
-use crate::wrong::demand;
+use crate::wrong::{demand, reject};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use export::PolicyError;
 use proto::config::{Config, presets};
 use proto::exit::how;
+use proto::plain_file::open_plain;
 use proto::policy_file::PolicyFileError;
 use proto::run_folder::{RunFolder, unlike_a_flag};
 use proto::shell::quoted;
+use std::fs::OpenOptions;
+use std::io::Read;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -85,8 +88,23 @@ fn named_preset(from: &Path) -> Result<Option<String>> {
     match export::open(from) {
         Ok(policy) => Ok(Some(policy.config.preset)),
         Err(error @ PolicyError::NoPolicy { problem: PolicyFileError::Damaged, .. }) => Err(error.into()),
+        Err(PolicyError::Tensors { .. }) if is_of_no_program(from) => {
+            let is_onnx = from.extension().is_some_and(|kind| kind == "onnx");
+            reject!(
+                "{} is {}: weights are a policy file, a checkpoint's tensors, or a state dict saved as .safetensors",
+                from.display(),
+                if is_onnx { "ONNX" } else { "no safetensors file" }
+            )
+        }
         Err(_) => Ok(None),
     }
+}
+
+/// Whether a file is neither empty nor of `torch.save`, a zip archive or a pickle: of these the learner tells more.
+fn is_of_no_program(path: &Path) -> bool {
+    let mut first = [0; 2];
+    let read = open_plain(path, OpenOptions::new().read(true)).and_then(|mut file| file.read_exact(&mut first));
+    read.is_ok() && &first != b"PK" && first[0] != 0x80
 }
 
 /// Removes a folder that was made, or was empty before, so that all in it is ours. One that was there is the user's own

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 use view::data::{Card, Runs};
 
-const RUNS: &str = "runs";
+pub const RUNS: &str = "runs";
 
 /// List runs and evaluations with their state, the newest first
 #[derive(Debug, clap::Args)]

@@ -7,6 +7,7 @@ use proto::bounded;
 use proto::config::{Config, ConfigError, Setting};
 use proto::device::Torch;
 use proto::stage::scale_to;
+use proto::task::Spec;
 use std::path::PathBuf;
 
 /// What the user lays over a preset.
@@ -58,6 +59,16 @@ impl Overrides {
         };
         let [one, other] = [over(1)?, over(2)?];
         Ok((one == other).then_some(one))
+    }
+
+    /// The built-in task that the user sets, in whatever way.
+    pub fn built_in_task(&self) -> Result<Option<String>> {
+        let over = |before: &str| {
+            let base = Config { task: before.to_owned(), ..Config::default() };
+            anyhow::Ok(base.overlaid(self.config.as_deref(), &self.settings()?)?.task)
+        };
+        let [one, other] = [over("arm_point_nav")?, over("point_nav")?];
+        Ok((one == other && Spec::built_in().iter().any(|spec| spec.name == one)).then_some(one))
     }
 
     /// Flags are settings, too: whether one can be is judged when all are known.
@@ -150,6 +161,21 @@ mod tests {
         for text in ["", "0", "-5", "M", "1.5", "1e99", "nan", "inf", "2m", "1e-3", "2MM"] {
             assert!(frames(text).unwrap_err().contains("2M or 2e6"), "{text}");
         }
+    }
+
+    #[test]
+    fn a_built_in_task_is_found_where_the_user_sets_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("mine.toml");
+        let of = |set: &[&str], text: &str| {
+            std::fs::write(&file, text).unwrap();
+            let set = set.iter().map(|one| one.parse().unwrap()).collect();
+            Overrides { set, config: Some(file.clone()), ..Overrides::default() }.built_in_task().unwrap()
+        };
+        assert_eq!(of(&["task=point_nav"], "").as_deref(), Some("point_nav"));
+        assert_eq!(of(&[], "task = \"arm_point_nav\"").as_deref(), Some("arm_point_nav"));
+        assert_eq!(of(&["task=cart_pole_v1"], "task = \"point_nav\""), None, "as a run's configuration has it");
+        assert_eq!(of(&["seed=2"], ""), None);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use crate::recording::repair::{Repair, repair};
 use crate::wrong::demand;
 use anyhow::Result;
 use proto::exit::EXIT_INCOMPLETE;
+use proto::run_folder::RunFolder;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -28,6 +29,11 @@ pub struct RecoverArgs {
 pub fn run(args: &RecoverArgs) -> Result<ExitCode> {
     let file = args.file.display();
     demand!(args.file.exists(), "{file} does not exist");
+    demand!(
+        !args.file.is_dir(),
+        "{file} is a folder: name a recording, of a run a file in {}",
+        RunFolder::new(&args.file).recordings().display()
+    );
     match repair(&args.file, args.output.as_deref())? {
         Repair::NotNeeded { messages } => {
             terminal::out(&format!("{file} is complete ({}): nothing to do", counted(messages, "message")));

@@ -254,7 +254,8 @@ fn same_run(run: &Config, mut asked: Config) -> Result<Counts> {
 fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
     let config = Config::of_run(folder).ok();
     let metrics = config.as_ref().map_or_else(Vec::new, |config| config.spec().shown());
-    let validation = config.map(|config| Validation::open(folder, &config)).transpose()?.flatten();
+    let validation = config.as_ref().map(|config| Validation::open(folder, config)).transpose()?.flatten();
+    let config = config.unwrap_or_default();
     if validation.as_ref().is_some_and(Validation::is_busy) || summary.missing.contains(&Missing::TensorBoard) {
         terminal::note("this run has reached its budget, and lacks what is made up now");
         return Ok(None);
@@ -263,12 +264,12 @@ fn finished(summary: &Summary, folder: &RunFolder) -> Result<Option<ExitCode>> {
     if missing != summary.missing {
         let mended = Summary { missing, ..summary.clone() };
         mended.write(folder)?;
-        return Ok(Some(show(&mended, &metrics, folder)));
+        return Ok(Some(show(&mended, &metrics, &config, folder)));
     }
-    Ok(Some(show(summary, &metrics, folder)))
+    Ok(Some(show(summary, &metrics, &config, folder)))
 }
 
-fn show(summary: &Summary, metrics: &[Described], folder: &RunFolder) -> ExitCode {
+fn show(summary: &Summary, metrics: &[Described], config: &Config, folder: &RunFolder) -> ExitCode {
     terminal::note("this run is complete");
     ended(folder, &summary.id, &SessionEnd::Complete, Some(summary));
     if !events::are_told() {
@@ -277,7 +278,7 @@ fn show(summary: &Summary, metrics: &[Described], folder: &RunFolder) -> ExitCod
         }
     }
     let recorded = !summary.recordings.is_empty();
-    for line in next_steps::complete(&next_steps::program(), folder, &summary.preset, recorded) {
+    for line in next_steps::complete(&next_steps::program(), folder, config, recorded) {
         terminal::note(&line);
     }
     if summary.is_whole() { ExitCode::SUCCESS } else { ExitCode::FAILURE }

@@ -5,6 +5,7 @@ use crate::run::identity::{Identity, host_name, is_evaluation};
 use crate::run::lock::{Holder, LockState, holder};
 use crate::run::scale::{ScaleRequest, with_actors};
 use crate::suite;
+use crate::training::summary::Summary;
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -99,6 +100,12 @@ fn signed(folder: &RunFolder, actors: u32) -> Result<Holder> {
             LockState::By(holder) => return Ok(holder),
             LockState::Free => {
                 let run = quoted(folder.root());
+                if Summary::read(folder)?.is_some() {
+                    bail!(
+                        "{root} is complete: `orchestrator resume {run} --actors {actors} --frames F` goes on with that \
+                         number, up to F frames in all"
+                    );
+                }
                 bail!("{root} does not run: `orchestrator resume {run} --actors {actors}` goes on with that number")
             }
             LockState::Unsigned if begin.elapsed() > Duration::from_mins(1) => {

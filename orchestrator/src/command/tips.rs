@@ -1,8 +1,13 @@
 //! What to type in place of what another program would have understood.
 
+use super::list::RUNS;
+use crate::viewer::RunReaders;
+use crate::wrong;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use proto::config::{Config, Setting, SettingError, presets};
+use proto::config::{Config, ConfigError, Setting, SettingError, presets};
 use proto::likeness::{likeness, nearest};
+use proto::shell::quoted;
+use view::data::Runs;
 
 /// What the standard library says of a word in a number's place.
 const NO_NUMBER: &str = "invalid digit found in string";
@@ -19,7 +24,7 @@ const COMMANDS: [(&str, &[&str]); 14] = [
     ("report", &["plot", "plots"]),
     ("compare", &["diff"]),
     ("suite", &["sweep", "benchmark", "grid", "tune"]),
-    ("stop RUN` ends a run, then `rm -r RUN", &["rm", "remove"]),
+    ("stop RUN` ends a run, then `rm -r RUN", &["rm", "remove", "delete"]),
     ("logs", &["log", "tail"]),
     ("list", &["ls", "runs"]),
 ];
@@ -128,14 +133,87 @@ fn key_of(table: &str, value: &str) -> Option<String> {
     Some(format!("`{table}` is a table of keys: set one of them, as in `{table}.{first}={value}`"))
 }
 
+/// The key of `--set KEY VALUE` before this value.
+fn set_before<'a>(words: &'a [String], value: &str) -> Option<&'a str> {
+    words.windows(3).find_map(|three| match three {
+        [set, key, next] if set == "--set" && !key.contains('=') && next == value => Some(key.as_str()),
+        _ => None,
+    })
+}
+
+/// The preset of a built-in task that was given as another program's `--task`.
+fn preset_of_task(words: &[String]) -> Option<String> {
+    let task = words.iter().skip_while(|word| *word != "--task").nth(1)?.replace('-', "_");
+    let is_of = |name: &&str| Config::resolve(name, None).is_ok_and(|config| config.task == task);
+    let preset = presets().iter().map(|preset| preset.name.as_str()).find(is_of)?;
+    Some(format!("a preset has a task: `--preset {preset}`"))
+}
+
+/// The newest run below `runs/`, as an example of what is missing.
+fn newest_run(command: &str) -> Option<String> {
+    let cards = RunReaders::once(vec![RUNS.into()]).list();
+    let newest = cards.into_iter().find(|card| !card.evaluation && card.problem.is_none())?;
+    Some(format!("the newest is `orchestrator {command} {}`", quoted(&newest.folder)))
+}
+
 fn is_of_up(option: &str, line: &clap::Command) -> bool {
     let name = option.strip_prefix("--");
     let up = line.find_subcommand("up").filter(|_| name.is_some());
     up.is_some_and(|up| up.get_arguments().any(|argument| argument.get_long() == name))
 }
 
-/// An error of a command line, `line` as it is declared, with what was probably meant.
-pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
+/// What was probably meant by an argument that a command does not have.
+fn unknown_argument(word: &str, usage: &str, line: &clap::Command, words: &[String]) -> Option<String> {
+    match word {
+        word if usage.contains("orchestrator presets") && !word.starts_with('-') => {
+            Some(format!("`orchestrator config --preset {word}` prints a preset"))
+        }
+        word if usage.contains("orchestrator kitchens") && word.parse::<u32>().is_ok() => {
+            Some(format!("it is drawn by `--kitchens {word}`"))
+        }
+        word if usage.contains("orchestrator [OPTIONS] <COMMAND>") && is_of_up(word, line) => {
+            Some(format!("a command comes first, as in `orchestrator up {word}`"))
+        }
+        word if usage.contains("orchestrator scale") && word.parse::<u32>().is_ok() => {
+            Some(format!("their number is given as `--actors {word}`"))
+        }
+        word if presets().iter().any(|preset| preset.name == word) => {
+            Some(format!("a preset is given as `--preset {word}`"))
+        }
+        word if set_before(words, word).is_some() => {
+            set_before(words, word).map(|key| format!("key and value are one word: `--set {key}={word}`"))
+        }
+        word if usage.contains("orchestrator up") && !word.starts_with('-') => {
+            Some("a preset is given as `--preset NAME`; `orchestrator presets` lists them".to_owned())
+        }
+        "--preset" | "--config" | "--set" | "--seed" if usage.contains("orchestrator resume") => Some(
+            "a run keeps its settings, but for --frames, --actors and --learners; `orchestrator up --from RUN` begins \
+             another run with its weights"
+                .to_owned(),
+        ),
+        word => {
+            let of_task = if word == "--task" { preset_of_task(words) } else { None };
+            let command = usage.split("orchestrator ").nth(1).and_then(|rest| rest.split(' ').next())?;
+            of_task.or_else(|| ours(command, word))
+        }
+    }
+}
+
+/// What is wrong with a key of a configuration that another program has, in a sentence's end; nothing of other errors.
+pub fn of_key(error: &anyhow::Error) -> String {
+    let key = wrong::causes(error).find_map(|cause| {
+        match (cause.downcast_ref::<ConfigError>(), cause.downcast_ref::<SettingError>()) {
+            (Some(ConfigError::UnknownKey { key, nearest: None, .. }), _)
+            | (_, Some(SettingError::UnknownKey { key, nearest: None })) => Some(key.clone()),
+            _ => None,
+        }
+    });
+    let ours = key.and_then(|key| ours("up", &key));
+    ours.map_or_else(String::new, |ours| format!("; {}", ours.replace("`--set ", "`")))
+}
+
+/// An error of a command line, `line` as it is declared and `words` as it was typed, with what was probably meant.
+pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) -> clap::Error {
     let text = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
         Some(ContextValue::StyledStr(text)) => Some(text.to_string()),
@@ -153,34 +231,13 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
         }),
         ErrorKind::UnknownArgument => {
             let usage = text(ContextKind::Usage).unwrap_or_default();
-            text(ContextKind::InvalidArg).and_then(|word| {
-                match word.as_str() {
-                word if usage.contains("orchestrator presets") && !word.starts_with('-') => {
-                    Some(format!("`orchestrator config --preset {word}` prints a preset"))
-                }
-                word if usage.contains("orchestrator kitchens") && word.parse::<u32>().is_ok() => {
-                    Some(format!("it is drawn by `--kitchens {word}`"))
-                }
-                word if usage.contains("orchestrator [OPTIONS] <COMMAND>") && is_of_up(word, line) => {
-                    Some(format!("a command comes first, as in `orchestrator up {word}`"))
-                }
-                word if usage.contains("orchestrator scale") && word.parse::<u32>().is_ok() => {
-                    Some(format!("their number is given as `--actors {word}`"))
-                }
-                word if presets().iter().any(|preset| preset.name == word) => {
-                    Some(format!("a preset is given as `--preset {word}`"))
-                }
-                word if usage.contains("orchestrator up") && !word.starts_with('-') => {
-                    Some("a preset is given as `--preset NAME`; `orchestrator presets` lists them".to_owned())
-                }
-                "--preset" | "--config" | "--set" | "--seed" if usage.contains("orchestrator resume") => Some(
-                    "a run keeps its settings, but for --frames, --actors and --learners; `orchestrator up --from RUN` \
-                     begins another run with its weights"
-                        .to_owned(),
-                ),
-                word => ours(usage.split("orchestrator ").nth(1).and_then(|rest| rest.split(' ').next())?, word),
-            }
-            })
+            text(ContextKind::InvalidArg).and_then(|word| unknown_argument(&word, &usage, line, words))
+        }
+        ErrorKind::MissingRequiredArgument => {
+            let usage = text(ContextKind::Usage).unwrap_or_default();
+            let command =
+                ["status", "stop", "resume"].into_iter().find(|name| usage.contains(&format!("orchestrator {name} ")));
+            command.and_then(newest_run)
         }
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
             let (key, value) = setting.split_once('=')?;
@@ -191,9 +248,17 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command) -> clap::Error {
         }),
         _ => None,
     };
+    let bare = |word: &str| word.trim_start_matches('-').to_owned();
+    let given = text(ContextKind::InvalidArg).map(|word| bare(&word)).unwrap_or_default();
+    // Letters in common alone make an argument like another.
+    let is_unlike = |suggested: &ContextValue| matches!(suggested, ContextValue::String(ours) if nearest(&given, std::iter::once(&*bare(ours))).is_none());
     let dashes = |value: &ContextValue| matches!(value, ContextValue::StyledStrs(all) if all.iter().any(|one| one.to_string().contains("as a value")));
     if error.get(ContextKind::Suggested).is_some_and(dashes) {
         error.remove(ContextKind::Suggested);
+    }
+    if error.get(ContextKind::SuggestedArg).is_some_and(is_unlike) {
+        error.remove(ContextKind::SuggestedArg);
+        error.remove(ContextKind::Usage);
     }
     if let Some(tip) = tip {
         error.remove(ContextKind::SuggestedSubcommand);
@@ -218,9 +283,9 @@ mod tests {
     use clap::CommandFactory;
 
     fn answer(words: &[&str]) -> String {
-        let line = std::iter::once("orchestrator").chain(words.iter().copied());
-        let error = CommandLine::command().try_get_matches_from(line).unwrap_err();
-        super::with_tip(error, &CommandLine::command()).to_string()
+        let line: Vec<String> = std::iter::once(&"orchestrator").chain(words).map(|&word| word.to_owned()).collect();
+        let error = CommandLine::command().try_get_matches_from(&line).unwrap_err();
+        super::with_tip(error, &CommandLine::command(), &line).to_string()
     }
 
     #[test]
@@ -244,6 +309,16 @@ mod tests {
             (&["up", "--dry-run"], "tip: here `orchestrator config` prints what a run would do"),
             (&["suite", "a.toml", "--dry-run"], "tip: here it is `--check`"),
             (&["sweep", "a.toml"], "tip: `orchestrator suite` does that"),
+            // It is like `validate`, and was answered with `orchestrator eval`.
+            (
+                &["delete", "runs/a", "--run", "b"],
+                "tip: `orchestrator stop RUN` ends a run, then `rm -r RUN` does that",
+            ),
+            (
+                &["up", "--set", "ppo.learning_rate", "1e-3"],
+                "tip: key and value are one word: `--set ppo.learning_rate=1e-3`",
+            ),
+            (&["up", "--task", "point_nav"], "tip: a preset has a task: `--preset point-nav-demo`"),
             (&["rm", "runs/a"], "tip: `orchestrator stop RUN` ends a run, then `rm -r RUN` does that"),
             (&["tensorboard"], "tip: `orchestrator view` or `tensorboard --logdir RUN/tensorboard` does that"),
             (&["up", "--resume", "runs/a"], "tip: here it is `orchestrator resume RUN`"),
@@ -291,11 +366,24 @@ mod tests {
             (["eval", "runs/a", "--run", "b"], "unexpected argument '--run'"),
             (["eval", "runs/a", "--episodes", "many"], "expected a whole number"),
             (["kitchens", "--width", "9", "--gltf"], "9 is outside 320 to 8192"),
-            // It is like `validate`, and was answered with `orchestrator eval`.
-            (["delete", "runs/a", "--run", "b"], "unrecognized subcommand"),
+            (["logs", "runs/a", "--since", "yesterday"], "unexpected argument '--since'"),
         ] {
             let error = answer(&words);
             assert!(error.contains(said) && !error.contains("tip:"), "{words:?}: {error}");
         }
+    }
+
+    #[test]
+    fn a_key_of_another_program_is_answered_in_a_file_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("mine.toml");
+        std::fs::write(&file, "[ppo]\nlr = 1e-3\n").unwrap();
+        let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
+        let ours = "; here it is `ppo.learning_rate=RATE`";
+        assert_eq!(super::of_key(&error.into()), ours);
+        let suite = "seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.ppo.lr = 1e-3\n";
+        let error = crate::wrong::wrong(crate::suite::Suite::parse(suite).unwrap_err());
+        assert_eq!(super::of_key(&error), ours);
+        assert_eq!(super::of_key(&anyhow::anyhow!("the disk is full")), "");
     }
 }

@@ -253,13 +253,18 @@ fn default_folder(config: &Config) -> PathBuf {
 fn introduce(config: &Config, asked: bool) {
     let frames = format::count(total_frames(&config.stages));
     if config.preset == "demo" && config.environment.is_none() {
-        let [paper, recipe] =
-            ["paper", "recipe"].map(|preset| next_steps::full_run("orchestrator", preset, std::env::args()));
         let why = if asked { "" } else { "No CUDA device was found. " };
+        let full = ["paper", "recipe"].map(|preset| next_steps::full_run("orchestrator", preset, std::env::args()));
+        let full = match full {
+            [Some(paper), Some(recipe)] => format!(
+                " The full run is `{paper}` (19\nenvironments, the paper's exact shape) or `{recipe}` on a machine with a \
+                 GPU."
+            ),
+            _ => String::new(),
+        };
         terminal::note(&format!(
             "{why}This is a demonstration, not the paper's experiment: a small encoder, episodes that begin near their\n\
-             target, {frames} frames instead of 45 000 000. The full run is `{paper}` (19\n\
-             environments, the paper's exact shape) or `{recipe}` on a machine with a GPU."
+             target, {frames} frames instead of 45 000 000.{full}"
         ));
     } else if !asked {
         terminal::note(&format!("preset {}: {frames} frames", config.preset));

@@ -14,6 +14,7 @@ use std::time::Duration;
 
 /// To import a simulator and play fifty steps.
 const ANSWERS_WITHIN: Duration = Duration::from_mins(3);
+const NOTHING: &str = "nothing";
 const SAYS_MOST: u64 = 4 << 20;
 
 #[derive(Debug)]
@@ -113,12 +114,28 @@ fn refusal(command: &[String], errors: &str, how: &str) -> String {
     }
     match errors.lines().rev().find_map(|line| line.strip_prefix(ERROR)) {
         Some(problem) => printable(problem).into_owned(),
-        None => format!("`{}` {how}; its last message: {}", shown(command), last(errors)),
+        None => match (crash(errors), last(errors)) {
+            (Some(place), _) => format!("`{}` {how} in {place}", shown(command)),
+            (None, said) if said == NOTHING && how.starts_with("ended") => {
+                format!("`{}` {how} without a message: does its reset() or step() call os._exit?", shown(command))
+            }
+            (None, said) => format!("`{}` {how}; its last message: {said}", shown(command)),
+        },
     }
 }
 
+/// Where Python's `faulthandler` found a crash: the innermost call, of the user's own code if there is one.
+fn crash(errors: &str) -> Option<String> {
+    let (_, frames) = errors.split_once("Fatal Python error: ")?;
+    let calls = || frames.lines().filter_map(|line| line.strip_prefix("  File \""));
+    let call = calls().find(|call| !call.contains("/site-packages/")).or_else(|| calls().next())?;
+    let (file, rest) = call.split_once("\", line ")?;
+    let (line, function) = rest.split_once(" in ")?;
+    Some(printable(&format!("{function}() ({file}:{line})")).into_owned())
+}
+
 fn last(errors: &str) -> String {
-    let last = errors.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("nothing");
+    let last = errors.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or(NOTHING);
     printable(last).into_owned()
 }
 
@@ -161,6 +178,12 @@ mod tests {
             ("echo trace >&2; echo 'stillroom: error: it has no step' >&2; exit 2", "it has no step"),
             ("echo 'python3: No module named stillroom' >&2; exit 1", "has no package `stillroom`"),
             ("kill -SEGV $$", "its last message: nothing"),
+            ("exit 3", "ended with exit status: 3 without a message: does its reset() or step() call os._exit?"),
+            (
+                "printf 'Fatal Python error: Segmentation fault\n\nCurrent thread 0x1 (most recent call first):\n  File \
+                 \"/p/site-packages/a.py\", line 3 in go\n  File \"/mine.py\", line 14 in step\n' >&2; kill -SEGV $$",
+                "was killed by signal 11 (SIGSEGV) in step() (/mine.py:14)",
+            ),
         ] {
             let problem = asked(script).unwrap_err();
             assert!(problem.contains(expected) && !problem.contains('\n'), "{problem}");

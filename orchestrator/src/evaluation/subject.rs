@@ -7,9 +7,9 @@
 
 use crate::run::checkpoints::newest_whole;
 use crate::run::identity::perhaps;
-use crate::wrong::{demand, reject};
-use anyhow::{Context, Result, bail};
-use export::Policy;
+use crate::wrong::{demand, reject, wrong};
+use anyhow::{Context, Result, anyhow, bail};
+use export::{Policy, PolicyError};
 use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::shell::quoted;
@@ -119,7 +119,7 @@ pub fn find(named: &Path) -> Result<Source> {
     }
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
     if is_tensors && !path.is_dir() && !path.with_extension("json").is_file() {
-        let policy = Box::new(export::open(&path)?);
+        let policy = Box::new(export::open(&path).map_err(no_policy)?);
         return Ok(Source::File { path, policy });
     }
     find_checkpoint(&path).map(|found| Source::Checkpoint(Box::new(found)))
@@ -129,7 +129,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     let named = RunFolder::new(if path.is_dir() { path } else { path.parent().unwrap_or(path) });
     demand!(
         path.extension().is_none_or(|kind| kind != "onnx"),
-        "{} is a model for other programs, without its run's configuration: give the run, or a policy file \
+        "{} is ONNX, a model for other programs, without its run's configuration: give the run, or a policy file \
          (`orchestrator export RUN --out policy.safetensors`)",
         path.display()
     );
@@ -140,7 +140,7 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
         if let (Err(error), false) = (&found, checkpoints.is_dir()) {
             reject!("{error:#}: {}", advice(path));
         }
-        let (manifest, damaged) = found?;
+        let (manifest, damaged) = found.map_err(|error| anyhow!("{error:#}{}", remedy(&named)))?;
         for error in damaged {
             tracing::warn!("{error:#}: {} is taken", manifest.display());
         }
@@ -163,6 +163,29 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     };
     let config = Config::of_run(&RunFolder::new(run))?;
     Ok(Found { run: run.to_path_buf(), named, manifest, config })
+}
+
+/// A file that only by its name holds weights.
+fn no_policy(error: PolicyError) -> anyhow::Error {
+    match error {
+        PolicyError::Tensors { path, .. } => wrong(anyhow!(
+            "{} is no safetensors file: give the folder of a run, one of its checkpoints, or a policy file \
+             (`orchestrator export RUN --out policy.safetensors`)",
+            path.display()
+        )),
+        other => other.into(),
+    }
+}
+
+/// What to do with a run that has no checkpoint.
+fn remedy(run: &RunFolder) -> String {
+    if !run.identity().exists() {
+        return String::new();
+    }
+    if std::fs::metadata(run.metrics()).is_ok_and(|metrics| metrics.len() > 0) {
+        return ": the run has trained, so put that folder back from a copy".to_owned();
+    }
+    format!(": `orchestrator resume {}` trains the run, and saves one first", quoted(run.root()))
 }
 
 /// What to name instead of a folder that is no run.

@@ -101,6 +101,9 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
 }
 
 fn no_run(folder: &Path) -> Result<&'static str> {
+    if !folder.exists() {
+        return Ok("does not exist");
+    }
     let folder = RunFolder::new(folder);
     let evaluates = folder.identity().exists() && Config::of_run(&folder)?.evaluation.is_some();
     Ok(if evaluates {

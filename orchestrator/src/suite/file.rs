@@ -9,6 +9,7 @@ use crate::training::next_steps::without_stage_one;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
 use proto::config::{Config, check_settings, in_plain_words, overlay};
+use proto::evaluation::has_targets;
 use proto::likeness::{nearest, suggestion};
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
@@ -63,7 +64,9 @@ pub enum AskedCheckpoint {
 #[serde(deny_unknown_fields)]
 pub struct Asked {
     pub split: SplitChoice,
-    pub objects: ObjectsChoice,
+    /// Of tasks without targets it is left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objects: Option<ObjectsChoice>,
     /// Episodes of each kitchen and object set; all 360 if not given.
     pub episodes: Option<u32>,
     #[serde(default)]
@@ -96,7 +99,8 @@ impl Asked {
         let episodes = self.episodes.map_or_else(String::new, |episodes| format!("-{episodes}"));
         let deterministic = if self.deterministic { "-deterministic" } else { "" };
         let best = if self.checkpoint == AskedCheckpoint::Best { "-best" } else { "" };
-        format!("suite-{}-{}{episodes}{deterministic}{best}", word(&self.split), word(&self.objects))
+        let objects = self.objects.map_or_else(String::new, |objects| format!("-{}", word(&objects)));
+        format!("suite-{}{objects}{episodes}{deterministic}{best}", word(&self.split))
     }
 }
 
@@ -136,6 +140,17 @@ impl Suite {
                     (1..=360).contains(&episodes),
                     "[[evaluations]] number {}: episodes = {episodes}; a kitchen has 1 to 360 of each object set",
                     index + 1
+                );
+            }
+            if let (Some(_), Some(entry)) =
+                (asked.objects, entries.iter().find(|entry| !has_targets(entry.config.spec())))
+            {
+                bail!(
+                    "[[evaluations]] number {}: objects: an episode of the task `{}` ({}) has no target, and so there are \
+                     no sets of them: leave it out",
+                    index + 1,
+                    entry.config.task,
+                    entry.name
                 );
             }
             ensure!(!file.evaluations[..index].contains(asked), "[[evaluations]] number {} repeats another", index + 1);
@@ -516,6 +531,10 @@ mod tests {
     #[test]
     fn mistakes_are_found_before_anything_starts() {
         assert!(problem("").contains("runs"));
+        let objects = "[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n";
+        let targets = problem(&format!("seeds = [1]\n{objects}[[runs]]\npreset = \"point-nav-demo\"\n"));
+        let expected = "number 1: objects: an episode of the task `point_nav` (point-nav-demo-1) has no target";
+        assert!(targets.contains(expected), "{targets}");
         assert!(problem("runs = []").contains("at least one"));
         assert!(problem("runs = []\nsedes = [1]\n").ends_with("(did you mean `seeds`?)"));
         assert!(problem("[[runs]]\npreset = \"demo\"\n").contains("no seeds"));

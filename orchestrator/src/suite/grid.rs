@@ -126,7 +126,7 @@ mod tests {
         assert_eq!(unknown, "grid.ppo.lerning_rate: unknown key `lerning_rate` (did you mean `learning_rate`?)");
         assert!(
             problem("ppo.epochs = [2, \"four\"]")
-                .starts_with("grid.ppo.epochs: expected a whole number from 0 to 4294967295, found \"four\"")
+                .starts_with("grid.ppo.epochs: expected a whole number, found \"four\" (must be 1 to 64)")
         );
         assert_eq!(problem("ppo.epochs = []"), "grid.ppo.epochs: the list is empty");
         assert_eq!(problem("ppo.clip = [0.2, 0.20]"), "grid.ppo.clip: 0.2 is given twice");

@@ -9,7 +9,6 @@ use crate::run::lifeline::this_program;
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::device::VISIBLE_DEVICES;
-use proto::evaluation::has_targets;
 use proto::exit::how;
 use proto::plain_file::open_plain;
 use serde::Serialize;
@@ -277,8 +276,8 @@ impl Scheduler<'_> {
                 command.arg("eval").arg(self.folder.subject(entry, asked));
                 command.arg("--out").arg(self.folder.evaluation(entry, asked));
                 command.args(["--split", &word(&asked.split)]);
-                if has_targets(entry.config.spec()) {
-                    command.args(["--objects", &word(&asked.objects)]);
+                if let Some(objects) = &asked.objects {
+                    command.args(["--objects", &word(objects)]);
                 }
                 if let Some(episodes) = asked.episodes {
                     command.args(["--episodes", &episodes.to_string()]);

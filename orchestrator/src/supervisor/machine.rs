@@ -11,8 +11,8 @@
 //!
 //! Every state has a deadline: learners must become ready, their actors must connect, rollouts must come, a stop must
 //! be acknowledged, and a process that was asked to exit must exit. Learners whose actors do not connect fail the run at
-//! once, and those that do not become ready at their second start: trying again would only take as long again. What
-//! exceeds any other deadline is killed, and a kill is a death like any other. Deaths without progress are bounded
+//! once, and those that do not become ready at their second start: trying again would only take as long again. An
+//! actor that dies twice of the same error of the user's environment fails the run. What exceeds any other deadline is killed, and a kill is a death like any other. Deaths without progress are bounded
 //! ([`super::restart`]), progress is bounded by the frame budget, so every schedule of events ends in
 //! [`Action::Finish`].
 //!
@@ -23,8 +23,8 @@ use super::deadlines::Deadlines;
 use super::event::{Action, Event, Exit, Level, Outcome, Process, Saved, SessionEnd};
 use super::learner_group::{Bereaved, LearnerGroup};
 use super::messages::{
-    actor_died, also, connected, died_at_stop, given_up, immortal, killed_for_it, killed_unready, learners_given_up,
-    quote, ready, recorder_stands_still, rewinds, unanswering,
+    actor_died, also, connected, died_at_stop, environment_error, environment_fails, given_up, immortal, killed_for_it,
+    killed_unready, learners_given_up, quote, ready, recorder_stands_still, rewinds, unanswering,
 };
 use super::overdue::{self, Overdue};
 use super::pace::Work;
@@ -290,7 +290,14 @@ impl Supervisor {
     fn actor_died(&mut self, now: Duration, actor: u32, exit: &Exit, last_words: &[String]) {
         let process = Process::Actor(actor);
         let who = process.describe(self.deadlines.kitchens);
-        match self.actor_histories[actor as usize].died(now, &self.deadlines.restart) {
+        let history = &mut self.actor_histories[actor as usize];
+        let error = environment_error(exit, last_words);
+        if history.failed_again(error)
+            && let Some(error) = error
+        {
+            return self.fail(now, environment_fails(&who, error));
+        }
+        match history.died(now, &self.deadlines.restart) {
             Verdict::RestartAt(at) => {
                 self.children.restart(process, at);
                 let next = self.children.incarnation(process) + 1;

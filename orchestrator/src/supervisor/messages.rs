@@ -1,7 +1,8 @@
 use super::event::{Exit, Process};
-use crate::output::log_line::error_in;
+use crate::output::log_line::{LogLine, error_in};
 use proto::actor_notes::LastPlace;
 use std::time::Duration;
+use tracing::Level;
 
 const LAST_CALL: &str = "its last call was in ";
 
@@ -58,7 +59,27 @@ pub fn last_call(place: LastPlace) -> String {
 pub fn actor_died(who: &str, exit: &Exit, last_words: &[String], next: u32) -> String {
     let call = last_words.last().filter(|line| line.starts_with(LAST_CALL));
     let call = call.map_or_else(String::new, |call| format!(", {call}"));
-    format!("{who} died: {exit}{call}; start number {next} follows")
+    let error = environment_error(exit, last_words).map_or_else(String::new, |error| format!(", {error}"));
+    format!("{who} died: {exit}{call}{error}; start number {next} follows")
+}
+
+/// What an environment of the user did wrong, and at which step, if an actor ended because of that.
+pub fn environment_error<'a>(exit: &Exit, last_words: &'a [String]) -> Option<&'a str> {
+    let error =
+        last_words.iter().rev().map(|line| LogLine::parse(line)).find(|line| line.level == Some(Level::ERROR))?;
+    of_environment(error.text).filter(|_| matches!(exit, Exit::Code(_)))
+}
+
+/// The same of one log line's text.
+pub fn of_environment(text: &str) -> Option<&str> {
+    let (actor, error) = text.split_once(": ")?;
+    let is_placed = error.starts_with("environment ") && error.contains(", episode ") && error.contains(", step ");
+    (actor.starts_with("actor ") && is_placed).then_some(error)
+}
+
+/// An environment's error that has come again where it came before: its seed and actions lead there at every start.
+pub fn environment_fails(who: &str, error: &str) -> String {
+    format!("{who} died twice of the same error: {error}; mend the environment, then `orchestrator resume RUN`")
 }
 
 pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[String]) -> String {

@@ -6,7 +6,7 @@
 //! to the terminal. A learner writes its events to standard output ([`proto::event`]).
 
 use super::event::{Event, Exit, Process};
-use super::messages::last_call;
+use super::messages::{last_call, of_environment};
 use crate::output::log_line::LogLine;
 use crate::preflight::placement::{Placement, start_on};
 use crate::preflight::programs::Programs;
@@ -327,6 +327,10 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
         }
         match LogLine::parse(&line) {
             LogLine { level: Some(Level::TRACE | Level::DEBUG | Level::INFO), text } => {
+                tracing::debug!("{process}: {text}");
+            }
+            // It is reported with the actor's death.
+            LogLine { level: Some(Level::ERROR), text } if of_environment(text).is_some() => {
                 tracing::debug!("{process}: {text}");
             }
             LogLine { level: Some(Level::ERROR), text } => tracing::error!("{process}: {text}"),

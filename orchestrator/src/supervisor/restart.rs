@@ -40,12 +40,21 @@ pub enum Verdict {
 pub struct RestartHistory {
     recent: VecDeque<Duration>,
     deaths: usize,
+    last_error: Option<String>,
 }
 
 impl RestartHistory {
     pub fn progress(&mut self) {
         self.recent.clear();
         self.deaths = 0;
+        self.last_error = None;
+    }
+
+    /// Notes the error that a process died of; whether it died of the same one before, without progress between.
+    pub fn failed_again(&mut self, error: Option<&str>) -> bool {
+        let again = error.is_some() && self.last_error.as_deref() == error;
+        self.last_error = error.map(str::to_owned);
+        again
     }
 
     pub fn died(&mut self, now: Duration, deadlines: &RestartPolicy) -> Verdict {
@@ -92,6 +101,17 @@ mod tests {
             }
         }
         assert_eq!(pauses, [0, 250, 500, 1000, 2000]);
+    }
+
+    #[test]
+    fn only_the_same_error_without_progress_comes_again() {
+        let mut history = RestartHistory::default();
+        let again =
+            ["a", "b", "b", ""].map(|error| history.failed_again(Some(error).filter(|error| !error.is_empty())));
+        assert_eq!(again, [false, false, true, false]);
+        assert!(!history.failed_again(Some("b")), "a death of another kind lies between");
+        history.progress();
+        assert!(!history.failed_again(Some("b")));
     }
 
     #[test]

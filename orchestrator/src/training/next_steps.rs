@@ -1,6 +1,8 @@
-use proto::config::Config;
+use proto::bounded;
+use proto::config::{Config, EnvironmentConfig};
 use proto::run_folder::RunFolder;
 use proto::shell::quoted;
+use proto::task::Restore;
 use std::path::Path;
 
 /// This program as a shell finds it: `orchestrator` where it was found by its name, else the path it was called by.
@@ -9,12 +11,29 @@ pub fn program() -> String {
     called.map_or_else(|| "orchestrator".to_owned(), quoted)
 }
 
-/// The command of the full run that a demonstration stands for, with the file of settings of this one.
-pub fn full_run(program: &str, preset: &str, words: impl IntoIterator<Item = String>) -> String {
+/// The command of the full run that a demonstration stands for, with the file of settings of this one; none where that
+/// sets the stages, and so the frames.
+pub fn full_run(program: &str, preset: &str, words: impl IntoIterator<Item = String>) -> Option<String> {
     let mut words = words.into_iter().skip_while(|word| word.split('=').next() != Some("--config"));
     let file = words.next().and_then(|word| word.split_once('=').map(|(_, file)| file.to_owned()).or(words.next()));
+    let text = file.as_ref().and_then(|file| bounded::read_text(Path::new(file)).ok());
+    let settings: Option<toml::Table> = text.and_then(|text| toml::from_str(&text).ok());
+    if settings.is_some_and(|settings| settings.contains_key("stages")) {
+        return None;
+    }
     let file = file.map_or_else(String::new, |file| format!(" --config {}", quoted(file)));
-    format!("{program} up --preset {preset}{file}")
+    Some(format!("{program} up --preset {preset}{file}"))
+}
+
+/// How the episodes of a complete run are looked at. Only a program of Python says whether it draws pictures.
+fn look(program: &str, run: &str, config: &Config) -> Option<String> {
+    match &config.environment {
+        Some(_) if config.spec().restore == Restore::None => None,
+        Some(EnvironmentConfig { command, .. }) if !command.iter().any(|word| word == "stillroom") => {
+            Some(line("check", &format!("{program} replay {run} --check")))
+        }
+        _ => Some(line("look", &format!("{program} replay {run}"))),
+    }
 }
 
 pub fn resume(program: &str, run: &Path) -> String {
@@ -50,17 +69,18 @@ pub fn unfinished(program: &str, folder: &RunFolder, hosts: u32) -> Vec<String> 
     vec![line("go on with", &go_on(program, folder.root(), hosts))]
 }
 
-pub fn complete(program: &str, folder: &RunFolder, preset: &str, recorded: bool) -> Vec<String> {
+pub fn complete(program: &str, folder: &RunFolder, config: &Config, recorded: bool) -> Vec<String> {
     let run = quoted(folder.root());
     let mut lines = Vec::new();
     if recorded {
-        lines.push(line("look", &format!("{program} replay {run}")));
+        lines.extend(look(program, &run, config));
     }
     lines.push(line("evaluate", &format!("{program} eval {run}")));
     lines.push(line("report", &format!("{program} report {run}")));
-    if preset == "demo" {
-        lines.push(line("full run", &full_run(program, "paper", std::env::args())));
-        lines.push(line("on a GPU", &full_run(program, "recipe", std::env::args())));
+    if config.preset == "demo" {
+        let full_runs = [("full run", "paper"), ("on a GPU", "recipe")];
+        let full = |(what, preset)| Some(line(what, &full_run(program, preset, std::env::args())?));
+        lines.extend(full_runs.into_iter().filter_map(full));
     }
     lines
 }
@@ -83,7 +103,8 @@ mod tests {
     #[test]
     fn a_complete_run_is_looked_at_evaluated_and_reported() {
         let folder = RunFolder::new("runs/my run");
-        let lines = |preset, recorded| complete("./orchestrator", &folder, preset, recorded);
+        let lines =
+            |preset, recorded| complete("./orchestrator", &folder, &Config::resolve(preset, None).unwrap(), recorded);
         let expected = [
             "look        ./orchestrator replay 'runs/my run'",
             "evaluate    ./orchestrator eval 'runs/my run'",
@@ -93,14 +114,30 @@ mod tests {
         ];
         assert_eq!(lines("demo", true), expected);
         assert_eq!(lines("paper", false), expected[1..3], "nothing was recorded, and this was the full run");
+        let command = |words: &[&str]| {
+            let command = words.iter().map(|&word| word.to_owned()).collect();
+            let environment = Some(EnvironmentConfig { command, declaration: String::new() });
+            let config = Config { environment, ..Config::resolve("paper", None).unwrap() };
+            complete("./orchestrator", &folder, &config, true).remove(0)
+        };
+        let check = "check       ./orchestrator replay 'runs/my run' --check";
+        assert_eq!(command(&["sh", "-c", "./cart_pole"]), check, "a program in C draws no pictures");
+        assert_eq!(command(&["python3", "-m", "stillroom", "serve", "gymnasium:CartPole-v1"]), expected[0]);
     }
 
     #[test]
     fn a_full_run_keeps_the_file_of_settings() {
-        let full = |words: &str| full_run("orchestrator", "paper", words.split(' ').map(str::to_owned));
+        let plan = |words: &str| full_run("orchestrator", "paper", words.split(' ').map(str::to_owned));
+        let full = |words: &str| plan(words).unwrap();
         assert_eq!(full("up --seed 2 --config mine.toml --view"), "orchestrator up --preset paper --config mine.toml");
         assert_eq!(full("up --config=mine.toml"), "orchestrator up --preset paper --config mine.toml");
         assert_eq!(full("up --preset demo"), "orchestrator up --preset paper");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("count.toml");
+        for (text, is_other) in [("seed = 2\n", true), ("[[stages]]\nname = \"I\"\nframes = 9\n", false)] {
+            std::fs::write(&file, text).unwrap();
+            assert_eq!(plan(&format!("up --config {}", file.display())).is_some(), is_other, "{text}");
+        }
     }
 
     #[test]

@@ -255,7 +255,7 @@ impl TrainingRun {
         let recorded = summary.is_some_and(|summary| !summary.recordings.is_empty());
         let program = next_steps::program();
         let next = match outcome.end {
-            SessionEnd::Complete => next_steps::complete(&program, &self.folder, &self.config.preset, recorded),
+            SessionEnd::Complete => next_steps::complete(&program, &self.folder, &self.config, recorded),
             _ => next_steps::unfinished(&program, &self.folder, self.hosts()),
         };
         for line in &next {

@@ -6,7 +6,7 @@ use crate::recording::files_at;
 use crate::run::damaged;
 use crate::run::identity::Identity;
 use crate::supervisor::event::SessionEnd;
-use crate::training::means::{StageMeans, by_stage};
+use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
 use crate::training::next_steps;
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
@@ -194,7 +194,11 @@ fn recordings(folder: &RunFolder) -> Vec<PathBuf> {
     files.into_iter().filter_map(|path| path.strip_prefix(folder.root()).map(PathBuf::from).ok()).collect()
 }
 
+/// Nothing of a run that has trained no rollout.
 pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
+    if stages.is_empty() {
+        return Vec::new();
+    }
     let header = ["stage", "reward", "frames", "episodes", "return"].map(str::to_owned);
     let mut rows: Vec<Vec<String>> =
         vec![header.into_iter().chain(metrics.iter().map(|metric| metric.label.clone())).collect()];
@@ -217,7 +221,10 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     };
     let mut lines: Vec<String> =
         rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect();
-    lines.push("means over the newest tenth of each stage; return: first tenth -> newest tenth".to_owned());
+    let means = "means over the newest tenth of each stage; return: first tenth -> newest tenth";
+    let is_unknown = |means: &EpisodeMeans| means.mean_return.is_none();
+    let has_none = stages.iter().any(|stage| is_unknown(&stage.first_tenth) || is_unknown(&stage.last_tenth));
+    lines.push(if has_none { format!("{means}; –: no episode ended there") } else { means.to_owned() });
     let is_whole = |stage: &&StageMeans| {
         stage.whole.episodes > 0 && stage.frames > stage.budget / 10 && stage.last_tenth == stage.whole
     };
@@ -269,6 +276,15 @@ mod tests {
         assert_eq!(said(&stages), [""; 0]);
         let whole = StageMeans { last_tenth: stages[1].whole.clone(), ..stages[1].clone() };
         assert_eq!(said(&[whole]), ["stage II: means over all of its episodes"]);
+    }
+
+    #[test]
+    fn a_tenth_without_an_episode_is_said_to_be_one_and_no_rollout_is_no_table() {
+        let mut stages = summary().stages;
+        assert!(table(&metrics(), &stages).last().unwrap().ends_with("-> newest tenth"));
+        stages[0].last_tenth.mean_return = None;
+        assert!(table(&metrics(), &stages).last().unwrap().ends_with("; –: no episode ended there"));
+        assert_eq!(table(&metrics(), &[]), Vec::<String>::new());
     }
 
     #[test]

@@ -24,8 +24,10 @@ pub enum ConfigError {
     },
     #[error("{origin}:{line}: {problem}")]
     Invalid { origin: String, line: usize, problem: String },
-    #[error("configuration: {key} = {value}: {problem}")]
+    #[error("{place}: {key} = {value}: {problem}")]
     OutOfRange {
+        /// `configuration`, or the file that sets it and the line in it.
+        place: String,
         /// Dotted key.
         key: &'static str,
         value: String,

@@ -14,6 +14,7 @@ mod kitchens;
 mod machine;
 mod network;
 mod normalize;
+mod place;
 mod preset;
 mod presets;
 mod resolve;

@@ -1,7 +1,8 @@
 //! How a configuration comes about: from defaults, a preset, a file and single settings, or from a run folder.
 
 use super::error::{self, ConfigError};
-use super::setting::Setting;
+use super::place::{key_at, line_of, with_range};
+use super::setting::{Setting, ending_in};
 use super::{CarriedGoal, Config, preset, presets};
 use crate::bounded;
 use crate::digest::sha256;
@@ -19,7 +20,8 @@ impl Config {
     /// The same, overlaid by single settings, in their order.
     pub fn resolve_set(preset: &str, file: Option<&Path>, settings: &[Setting]) -> Result<Self, ConfigError> {
         let file = read(file)?;
-        Self::build(preset, file.as_ref().map(|(text, origin)| (text.as_str(), origin.as_str())), settings)
+        let overlay = file.as_ref().map(|(text, origin)| (text.as_str(), origin.as_str()));
+        Self::build(preset, overlay, settings).map_err(|error| placed(error, overlay, settings))
     }
 
     /// This configuration with a file's keys and single settings over it. Whether they go together is not judged.
@@ -40,6 +42,7 @@ impl Config {
         for (key, present) in [("from", config.from.is_some()), ("evaluation", config.evaluation.is_some())] {
             if present {
                 return Err(ConfigError::OutOfRange {
+                    place: "configuration".to_owned(),
                     key,
                     value: "{ ... }".to_owned(),
                     problem: "is written by `orchestrator up --from` or `orchestrator eval`, not by hand",
@@ -53,7 +56,7 @@ impl Config {
     fn lay_over(mut value: Table, overlay: Option<(&str, &str)>, settings: &[Setting]) -> Result<Self, ConfigError> {
         if let Some((text, origin)) = overlay {
             // Parsed on its own first: this is what finds an unknown key with its line.
-            error::parse::<Self>(text, origin)?;
+            parse_named(text, origin)?;
             preset::overlay(&mut value, error::parse(text, origin)?);
         }
         for setting in settings {
@@ -129,6 +132,38 @@ impl Config {
     /// The whole configuration as TOML, every default included.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("plain numbers, strings and tables always serialise")
+    }
+}
+
+/// A user's file. A value of the wrong type is named by its key, and a key without its table by that with it.
+fn parse_named(text: &str, origin: &str) -> Result<Config, ConfigError> {
+    error::parse::<Config>(text, origin).map_err(|wrong| match wrong {
+        ConfigError::UnknownKey { origin, line, key, nearest } => {
+            let is_without_table = toml::from_str::<Table>(text).is_ok_and(|table| table.contains_key(&key));
+            let ending = if is_without_table { ending_in(&key) } else { None };
+            ConfigError::UnknownKey { origin, line, key, nearest: ending.or(nearest) }
+        }
+        ConfigError::Invalid { origin, line, problem } => {
+            let span = toml::from_str::<Config>(text).err().and_then(|error| error.span());
+            let problem = match span.and_then(|span| key_at(text, span.start)) {
+                Some(key) => format!("{key}: {}", with_range(&key, problem)),
+                None => problem,
+            };
+            ConfigError::Invalid { origin, line, problem }
+        }
+        other => other,
+    })
+}
+
+/// A value outside of its range with its place in the file, if that is where it is set.
+fn placed(error: ConfigError, file: Option<(&str, &str)>, settings: &[Setting]) -> ConfigError {
+    match (error, file) {
+        (ConfigError::OutOfRange { place, key, value, problem }, Some((text, origin))) => {
+            let line = line_of(text, key).filter(|_| !settings.iter().any(|setting| setting.sets(key)));
+            let place = line.map_or(place, |line| format!("{origin}:{line}"));
+            ConfigError::OutOfRange { place, key, value, problem }
+        }
+        (error, _) => error,
     }
 }
 

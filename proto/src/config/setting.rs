@@ -2,6 +2,7 @@
 
 use super::Config;
 use super::error::{self, ConfigError};
+use super::place::with_range;
 use super::preset::overlay;
 use crate::likeness::suggestion;
 use std::str::FromStr;
@@ -44,8 +45,24 @@ impl Setting {
         }
         let nested = key.rsplit('.').fold(value, |inner, name| Table::from_iter([(name.to_owned(), inner)]).into());
         let Value::Table(table) = nested else { return Err(SettingError::NoKey(key.to_owned())) };
-        check_settings(&table)?;
+        check_settings(&table).map_err(|error| match error {
+            SettingError::WrongType(problem) => SettingError::WrongType(with_range(key, problem)),
+            other => other,
+        })?;
         Ok(Self(table))
+    }
+
+    /// Whether it sets this dotted key, or a table that it is in.
+    pub fn sets(&self, key: &str) -> bool {
+        let mut names = key.split('.');
+        let mut table = &self.0;
+        loop {
+            match names.next().map(|name| table.get(name)) {
+                Some(Some(Value::Table(inner))) => table = inner,
+                Some(found) => return found.is_some(),
+                None => return true,
+            }
+        }
     }
 
     pub fn lay_over(&self, bottom: &mut Table) {
@@ -69,10 +86,6 @@ impl FromStr for Setting {
             return Err(SettingError::SaidElsewhere { key, instead });
         }
         Self::new(key, value_of(value)?).map_err(|error| match error {
-            SettingError::UnknownKey { key: unknown, nearest } => {
-                let ending = if unknown == key { ending_in(key) } else { None };
-                SettingError::UnknownKey { key: unknown, nearest: ending.or(nearest) }
-            }
             SettingError::WrongType(problem) if problem == "expected a list, found a table" => {
                 SettingError::WrongType(format!("{problem}: a list is set whole, as in 'stages=[{{ ... }}]'"))
             }
@@ -82,7 +95,7 @@ impl FromStr for Setting {
 }
 
 /// The keys whose last part is this name.
-fn ending_in(name: &str) -> Option<String> {
+pub(super) fn ending_in(name: &str) -> Option<String> {
     fn collect(table: &Table, path: &str, name: &str, found: &mut Vec<String>) {
         for (key, value) in table {
             let path = format!("{path}{key}");
@@ -120,7 +133,10 @@ pub fn check_settings(table: &Table) -> Result<(), SettingError> {
     let text = toml::to_string(table).map_err(|cause| SettingError::WrongType(cause.to_string()))?;
     match error::parse::<Config>(&text, "settings") {
         Ok(_) => Ok(()),
-        Err(ConfigError::UnknownKey { key, nearest, .. }) => Err(SettingError::UnknownKey { key, nearest }),
+        Err(ConfigError::UnknownKey { key, nearest, .. }) => {
+            let ending = if table.contains_key(&key) { ending_in(&key) } else { None };
+            Err(SettingError::UnknownKey { key, nearest: ending.or(nearest) })
+        }
         Err(ConfigError::Invalid { problem, .. }) => Err(SettingError::WrongType(problem)),
         Err(other) => Err(SettingError::WrongType(other.to_string())),
     }
@@ -172,6 +188,40 @@ mod tests {
     }
 
     #[test]
+    fn mistakes_of_a_file_are_named_with_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        let problem = |text: &str, settings: &[Setting]| {
+            std::fs::write(&path, text).unwrap();
+            let error = Config::resolve_set("demo", Some(&path), settings).unwrap_err().to_string();
+            error.replace(&path.display().to_string(), "mine.toml")
+        };
+        for (text, expected) in [
+            ("[ppo]\nepochs = 100\n", "mine.toml:2: ppo.epochs = 100: must be 1 to 64"),
+            (
+                "seed = 1\nppo.epochs = \"two\"\n",
+                "mine.toml:2: ppo.epochs: expected a whole number, found \"two\" (must be 1 to 64)",
+            ),
+            (
+                "[[stages]]\nname = \"I\"\nreward = \"r\"\nframes = -5\n",
+                "mine.toml:4: stages.frames: expected a whole number, 0 or greater, found `-5`",
+            ),
+            (
+                "learning_rate = 1e-3\n",
+                "mine.toml:1: unknown key `learning_rate` (did you mean `ppo.learning_rate` or \
+                 `reward.lagrangian.learning_rate`?)",
+            ),
+            ("[ppo]\ncount = 1\n", "mine.toml:2: unknown key `count`"),
+        ] {
+            assert_eq!(problem(text, &[]), expected);
+        }
+        let text = "[ppo]\nepochs = 2\n";
+        let set = problem(text, &[setting("ppo.epochs=100")]);
+        assert_eq!(set, "configuration: ppo.epochs = 100: must be 1 to 64", "the file's is another");
+        assert!(problem(text, &[setting("ppo.minibatches=100")]).starts_with("configuration: ppo.minibatches"));
+    }
+
+    #[test]
     fn mistakes_are_named() {
         assert_eq!(problem("ppo.lerning_rate=1"), "unknown key `lerning_rate` (did you mean `learning_rate`?)");
         assert_eq!(problem("ppoo.epochs=1"), "unknown key `ppoo` (did you mean `ppo`?)");
@@ -181,10 +231,10 @@ mod tests {
             "unknown key `learning_rate` (did you mean `ppo.learning_rate` or `reward.lagrangian.learning_rate`?)"
         );
         for (text, expected) in [
-            ("ppo.epochs=four", "expected a whole number from 0 to 4294967295, found \"four\""),
-            ("ppo.epochs=-1", "expected a whole number from 0 to 4294967295, found `-1`"),
-            ("ppo.epochs=1.5", "expected a whole number from 0 to 4294967295, found `1.5`"),
-            ("ppo.clip=fast", "expected a number, found \"fast\""),
+            ("ppo.epochs=four", "expected a whole number, found \"four\" (must be 1 to 64)"),
+            ("ppo.epochs=-1", "expected a whole number, found `-1` (must be 1 to 64)"),
+            ("ppo.epochs=1.5", "expected a whole number, found `1.5` (must be 1 to 64)"),
+            ("ppo.clip=fast", "expected a number, found \"fast\" (must be greater than 0)"),
             ("ppo.overlap=3", "expected true or false, found `3`"),
             ("ppo=4", "expected a table, found `4`"),
             ("scenes=3", "expected a list, found `3`"),
@@ -194,7 +244,7 @@ mod tests {
                 "unknown value `disturbance`, expected one of `none`, `disturb`, `inverse_dynamics`, `cpca16` (did you \
                  mean `disturb`?)",
             ),
-            ("ppo.epochs=[1]", "expected a whole number from 0 to 4294967295, found a list"),
+            ("ppo.epochs=[1]", "expected a whole number, found a list (must be 1 to 64)"),
             ("learner.device=x", "unknown value `x`, expected one of `auto`, `cpu`, `cuda`"),
         ] {
             assert_eq!(problem(text), expected, "{text}");

@@ -333,7 +333,7 @@ mod tests {
         let problem = config("[reward]\nlambda_distrub = 5").unwrap_err();
         assert!(problem.contains("no such weight; it has: lambda_disturb"), "{problem}");
         let problem = config("[reward]\nlambda_disturb = \"five\"").unwrap_err();
-        assert!(problem.starts_with("mine.toml:2: expected a number"), "{problem}");
+        assert!(problem.starts_with("mine.toml:2: reward.lambda_disturb: expected a number"), "{problem}");
         let problem = config("task = \"arm_point_nab\"").unwrap_err();
         assert!(problem.contains("did you mean `arm_point_nav`?"), "{problem}");
         for (own, expected) in [

@@ -313,7 +313,8 @@ pub(super) fn check(
     valid: bool,
     problem: &'static str,
 ) -> Result<(), ConfigError> {
-    if valid { Ok(()) } else { Err(ConfigError::OutOfRange { key, value: value.to_string(), problem }) }
+    let place = || "configuration".to_owned();
+    if valid { Ok(()) } else { Err(ConfigError::OutOfRange { place: place(), key, value: value.to_string(), problem }) }
 }
 
 #[cfg(test)]

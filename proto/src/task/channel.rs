@@ -2,6 +2,7 @@
 
 use super::error::SpecError;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// What a channel is for. What an action did comes before what is seen now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -38,6 +39,21 @@ macro_rules! number {
     ($type:ty, $bytes:expr) => {
         <$type>::from_ne_bytes($bytes[..size_of::<$type>()].try_into().expect("as long as the type"))
     };
+}
+
+/// As `NumPy` calls it.
+impl fmt::Display for Dtype {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::U8 => "uint8",
+            Self::U16 => "uint16",
+            Self::I32 => "int32",
+            Self::U32 => "uint32",
+            Self::U64 => "uint64",
+            Self::F32 => "float32",
+            Self::F64 => "float64",
+        })
+    }
 }
 
 impl Dtype {

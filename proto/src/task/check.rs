@@ -46,6 +46,35 @@ impl Sound {
     }
 }
 
+/// A channel, as messages name it.
+#[derive(Debug, Clone)]
+struct What {
+    name: String,
+    shape: Vec<usize>,
+}
+
+impl What {
+    fn of(channel: &Channel) -> Self {
+        Self { name: channel.name.clone(), shape: channel.shape.clone() }
+    }
+
+    /// The same as it was seen last of an episode.
+    fn last(&self) -> Self {
+        Self { name: format!("last {}", self.name), ..self.clone() }
+    }
+
+    /// One of its numbers: `goal_m[2]`.
+    fn at(&self, mut index: usize) -> String {
+        let mut places: Vec<String> = vec![];
+        for size in self.shape.iter().rev() {
+            places.insert(0, (index % size).to_string());
+            index /= size;
+        }
+        let places = places.join(", ");
+        if places.is_empty() { self.name.clone() } else { format!("{}[{places}]", self.name) }
+    }
+}
+
 #[derive(Debug, Clone)]
 struct Mask {
     field: Field,
@@ -56,10 +85,10 @@ struct Mask {
 
 #[derive(Debug, Clone)]
 pub struct Check {
-    of_action: Vec<(Field, Sound, String)>,
-    seen: Vec<(Field, Sound, String)>,
+    of_action: Vec<(Field, Sound, What)>,
+    seen: Vec<(Field, Sound, What)>,
     /// Of a truncated episode.
-    last_seen: Vec<(Field, Sound, String)>,
+    last_seen: Vec<(Field, Sound, What)>,
     /// All of that, 0 of any other record.
     last_bytes: Range<usize>,
     mask: Option<Mask>,
@@ -69,11 +98,11 @@ pub struct Check {
 
 impl Check {
     pub fn of(spec: &Spec) -> Self {
-        let checks = |of_action: bool| -> Vec<(Field, Sound, String)> {
+        let checks = |of_action: bool| -> Vec<(Field, Sound, What)> {
             let pairs = spec.channels.iter().zip(&spec.layout().fields);
             pairs
                 .filter(|(channel, _)| channel.is_of_action() == of_action && !channel.is_bulk())
-                .filter_map(|(channel, &field)| Some((field, sound(channel)?, channel.name.clone())))
+                .filter_map(|(channel, &field)| Some((field, sound(channel)?, What::of(channel))))
                 .collect()
         };
         let mut gaps = vec![];
@@ -93,9 +122,8 @@ impl Check {
         gaps.push(end..layout.small_bytes);
         gaps.retain(|gap| !gap.is_empty());
         let seen = checks(false);
-        let again = seen
-            .iter()
-            .filter_map(|(field, sound, what)| Some((layout.last(*field)?, sound.clone(), format!("last {what}"))));
+        let again =
+            seen.iter().filter_map(|(field, sound, what)| Some((layout.last(*field)?, sound.clone(), what.last())));
         let (last_seen, last_bytes) = (again.collect(), layout.last_seen.clone());
         let pairs = spec.channels.iter().zip(&layout.fields);
         let mut masks = pairs.filter(|(channel, _)| channel.role == Role::Mask);
@@ -127,13 +155,13 @@ impl Check {
             if sound.holds_for_all(*field, record) {
                 continue;
             }
-            for value in field.numbers(record) {
+            for (index, value) in field.numbers(record).enumerate() {
                 let is_sound = match sound {
                     Sound::Range([least, most]) => (*least..=*most).contains(&value),
                     Sound::Values(values) => values.contains(&value),
                 };
                 if !is_sound {
-                    let what = what.clone();
+                    let what = what.at(index);
                     return Err(if value.is_finite() {
                         Implausible::Range { what, value, allowed: sound.allowed() }
                     } else {

@@ -55,7 +55,7 @@ impl Description {
         then.sort_by(|a, b| a.0.cmp(&b.0));
         if now != then {
             let text = |channels: Vec<(String, Dtype, Vec<usize>)>| {
-                let one = |(name, dtype, shape)| format!("`{name}` {dtype:?} {shape:?}");
+                let one = |(name, dtype, shape)| format!("`{name}` {dtype} {shape:?}");
                 channels.into_iter().map(one).collect::<Vec<_>>().join(", ")
             };
             return differs(format!("observations {}", text(now)), text(then));
@@ -146,7 +146,10 @@ mod tests {
         let mut other = description();
         other.channels[0].shape = vec![5];
         let problem = other.check(&spec).unwrap_err().to_string();
-        assert!(problem.contains("`observation` F32 [5]") && problem.contains("`observation` F32 [4]"), "{problem}");
+        assert!(
+            problem.contains("`observation` float32 [5]") && problem.contains("`observation` float32 [4]"),
+            "{problem}"
+        );
         let Actions::Discrete { names, .. } = &mut other.actions else { panic!() };
         names.pop();
         other.channels[0].shape = vec![4];

@@ -160,7 +160,7 @@ fn a_truncated_episode_has_its_last_observation_where_there_are_no_images() {
     record[flags] = (crate::record::flag::ACTED | crate::record::flag::TRUNCATED) as u8;
     assert_eq!(Check::of(&spec).record(&record, true), Ok(()));
     record[120..124].copy_from_slice(&f32::NAN.to_ne_bytes());
-    assert_eq!(refused(&record), "its last goal_m is not finite");
+    assert_eq!(refused(&record), "its last goal_m[0] is not finite");
 }
 
 /// What other people's tools depend on: an unchanged task has an unchanged layout.
@@ -456,7 +456,7 @@ fn numbers_that_a_task_does_not_declare_are_named() {
     );
     assert_eq!(refused(&[("done", 0.5)], true).unwrap_err(), "its done is 0.5, which cannot be: its values are 0, 1");
     assert_eq!(refused(&[("kind", 2.0)], true).unwrap_err(), "its kind is 2, which cannot be: its range is 0 to 1");
-    assert_eq!(refused(&[("goal_m", f32::NAN)], false).unwrap_err(), "its goal_m is not finite");
+    assert_eq!(refused(&[("goal_m", f32::NAN)], false).unwrap_err(), "its goal_m[0] is not finite");
     assert_eq!(refused(&[("pushed_m", f32::INFINITY)], true).unwrap_err(), "its pushed_m is not finite");
     let mut gap = record(&spec, &[]);
     gap[90] = 1;
@@ -494,7 +494,7 @@ fn a_mask_is_of_the_options_and_allows_one_of_each_choice() {
         check.record(&record, false).and_then(|()| check.choice(&record)).map_err(|error| error.to_string())
     };
     assert_eq!(found([0, 1, 1, 0, 0]), Ok(()));
-    assert_eq!(found([0, 2, 1, 0, 0]).unwrap_err(), "its legal is 2, which cannot be: its range is 0 to 1");
+    assert_eq!(found([0, 2, 1, 0, 0]).unwrap_err(), "its legal[1] is 2, which cannot be: its range is 0 to 1");
     for mask in [[0; 5], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]] {
         assert!(found(mask).unwrap_err().starts_with("its legal allows no option of a choice"), "{mask:?}");
     }

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from . import _stillroom
+from . import _stillroom, fault
 
 F32_MOST = float(np.finfo(np.float32).max)
 
@@ -91,8 +91,8 @@ def _check_channel(channel: dict[str, Any], key: str | None, observation: Any) -
     seen = observation if key is None else observation[key]
     if channel.get("shape"):
         if not isinstance(seen, np.ndarray):
-            kind = type(seen).__name__
-            raise Refused(f"the environment's observation `{name}` is a {kind}, and its space is {space}")
+            kind = "None" if seen is None else fault.a(type(seen).__name__)
+            raise Refused(f"the environment's observation `{name}` is {kind}, and its space is {space}")
         fits = DTYPES.get(str(seen.dtype)) == channel["dtype"] or (channel["dtype"], seen.dtype) == ("u8", np.int8)
         if not (fits and list(seen.shape) == channel["shape"]):
             raise Refused(
@@ -115,10 +115,12 @@ def check_numbers(what: str, value: Any, channel: Mapping[str, Any]) -> None:
     least, most = channel.get("range", (-limit, limit))
     with np.errstate(over="ignore"):
         kept = numbers.astype(kind)
-    wrong = numbers[~((kind(least) <= kept) & (kept <= kind(most)))]
-    if wrong.size:
-        allowed = f"between {least} and {most}" if np.isfinite(wrong.flat[0]) else "finite"
-        raise Refused(f"the environment's {what} is {wrong.flat[0]}, which is not {allowed}")
+    wrong = np.argwhere(~((kind(least) <= kept) & (kept <= kind(most))))
+    if len(wrong):
+        first = tuple(int(index) for index in wrong[0])
+        allowed = f"between {least} and {most}" if np.isfinite(numbers[first]) else "finite"
+        place = f" at {list(first)}" if first else ""
+        raise Refused(f"the environment's {what}{place} is {numbers[first]}, which is not {allowed}")
 
 
 def way_of(env: gymnasium.Env) -> str:
@@ -176,6 +178,14 @@ def _actions(space: spaces.Space) -> dict[str, Any]:
     return {"kind": "discrete", "names": [f"action_{number}" for number in range(int(space.n))]}
 
 
+def _remedy(space: spaces.Space) -> str:
+    if isinstance(space, spaces.Tuple):
+        return "gymnasium.wrappers.FlattenObservation makes a Box of a Tuple of these"
+    if isinstance(space, spaces.Text):
+        return "encode text as numbers in a wrapper of your own (gymnasium.ObservationWrapper)"
+    return "make numbers of it in a wrapper of your own (gymnasium.ObservationWrapper)"
+
+
 def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
     if space.shape is not None and 0 in space.shape:
         raise Refused(f"the environment's observation `{name}` has the shape {space.shape}, which holds no number")
@@ -193,7 +203,7 @@ def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
     else:
         raise Refused(
             f"the environment's observation `{name}` is {space}; observations are Box, Discrete, MultiBinary,"
-            " MultiDiscrete or a Dict of these (gymnasium.wrappers has others made of them)"
+            f" MultiDiscrete or a Dict of these: {_remedy(space)}"
         )
     if dtype not in DTYPES:
         raise Refused(f"the environment's observation `{name}` is of {dtype}; there are {', '.join(DTYPES)}")

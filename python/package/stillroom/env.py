@@ -15,6 +15,7 @@ from stillroom.simulated import Simulated, task_of
 from stillroom.spaces import (
     NUMBER_MAX,
     RENDER_MODES,
+    Parts,
     choice_of,
     kitchen_of,
     observation_space,
@@ -121,7 +122,7 @@ class KitchenEnv(Simulated, gymnasium.Env):
         # Before the reward: a function of the user may raise.
         self._ended = bool(terminated[0] or truncated[0])
         info = self._info(facts)
-        reward = rewards[0] if self._reward is None else self._reward(info["reward_parts"])
+        reward = rewards[0] if self._reward is None else self._reward(Parts(info["reward_parts"]))
         try:
             reward = float(reward)
         except (ArithmeticError, TypeError, ValueError):

@@ -33,6 +33,19 @@ def told(error: BaseException) -> str:
     return type(error).__name__ + (f": {text}" if text else "") + place
 
 
+def exited(ended: SystemExit) -> str:
+    """`the environment's step() called sys.exit(4) (mine.py:14)`."""
+    frames = _outside(ended)
+    called = f"{frames[0].name}()" if frames and frames[0].name.isidentifier() else "code"
+    place = f" ({_short(frames[-1].filename)}:{frames[-1].lineno})" if frames else ""
+    return f"the environment's {called} called sys.exit({'' if ended.code is None else ended.code}){place}"
+
+
+def a(name: str) -> str:
+    """A type's name with its article: `an int`."""
+    return f"{'an' if name[:1] in 'aeiou' else 'a'} {name}"
+
+
 def _outside(error: BaseException) -> list[traceback.FrameSummary]:
     """The frames of its traceback outside of this package and of Python's import."""
     ignored = ("<", PACKAGE, os.path.join(STANDARD, "importlib"))

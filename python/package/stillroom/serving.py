@@ -7,6 +7,7 @@ program of your own does the same with `stillroom.serve(make_env)`, and is start
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import functools
 import importlib
 import importlib.util
@@ -159,21 +160,12 @@ def _run(
     if arguments.build:
         print(BUILD, file=answer, flush=True)
         raise SystemExit(0)
-    one: Any
-    proven: Any
     try:
         make_env, name = found()
         if arguments.describe:
-            env = _made(make_env, 2)
-            vector = env if isinstance(env, Vector) else None
-            one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
-            described = describe(one, _task_name(name))
-            add_mask(described, one)
-            try_out(described, proven, arguments.declared)
-            prove(proven, lambda: _made(make_env, 1))
-            # Of vectors that have a size, an actor has two.
-            size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}
-            print(json.dumps(described.description | size), file=answer, flush=True)
+            # What crashes says where.
+            faulthandler.enable()
+            print(json.dumps(_described(make_env, name, arguments.declared)), file=answer, flush=True)
             raise SystemExit(0)
         if arguments.replay:
             _replay(make_env, _task_name(name), asked, answer)
@@ -194,6 +186,25 @@ def _run(
         print(f"stillroom: error: {fault.sentence(error)}", file=sys.stderr)
         raise SystemExit(1) from None
     raise SystemExit(1)
+
+
+def _described(make_env: MakeEnv, name: str, declared: list[dict[str, Any]]) -> dict[str, Any]:
+    """What an environment says of itself, which has been tried out."""
+    one: Any
+    proven: Any
+    try:
+        env = _made(make_env, 2)
+        vector = env if isinstance(env, Vector) else None
+        one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
+        described = describe(one, _task_name(name))
+        add_mask(described, one)
+        try_out(described, proven, declared)
+        prove(proven, lambda: _made(make_env, 1))
+    except SystemExit as ended:
+        raise Refused(fault.exited(ended)) from ended
+    # Of vectors that have a size, an actor has two.
+    size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}
+    return described.description | size
 
 
 def _replay(make_env: MakeEnv, name: str, asked: TextIO, answer: TextIO) -> None:
@@ -242,7 +253,7 @@ def _made(make_env: MakeEnv, size: int, **more: Any) -> Any:
     if isinstance(env, gymnasium.vector.VectorEnv):
         return Vector(env)
     if not isinstance(env, gymnasium.Env):
-        made = "None" if env is None else f"a {type(env).__name__}"
+        made = "None" if env is None else fault.a(type(env).__name__)
         raise Refused(f"{_called(make_env)}() returned {made}, which is no gymnasium.Env")
     return env
 

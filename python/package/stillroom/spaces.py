@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import gymnasium
 import numpy as np
@@ -15,6 +15,13 @@ from stillroom._stillroom import Kitchen, Settings, shown, whole
 NUMBER_MAX = 2**32 - 1
 SEED_MAX = 2**64 - 1
 ENVIRONMENTS_MAX = 65_536
+
+
+class Parts(dict[str, Any]):
+    """Parts of a reward, for a function that computes one. A part that is not there is named beside those that are."""
+
+    def __missing__(self, name: object) -> NoReturn:
+        raise KeyError(f"the reward has no part {shown(name)}; it has {', '.join(self)}")
 
 
 def flag(name: str, value: Any) -> bool:

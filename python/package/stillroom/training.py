@@ -96,8 +96,15 @@ class Training:
             raise TimeoutError(f"{self.path} has not ended within {timeout_s} s") from None
         if status:
             text = os.pread(self._said, SAYS_MOST, 0).decode(errors="replace")
-            raise RunError(_reason(text) or f"`orchestrator up` ended with {status}: orchestrator logs {self.path}")
+            raise RunError(_reason(text) or self._unsaid(status, text))
         return self
+
+    def _unsaid(self, status: int, text: str) -> str:
+        """Why it has ended, where `orchestrator` does not say so in its own words: it may be no program of ours."""
+        lines = [line for line in text.splitlines() if line.strip()]
+        if self.path.exists() or not lines:
+            return f"`orchestrator up` ended with {status}: orchestrator logs {self.path}"
+        return f"`{self._orchestrator} up` ended with {status}: {lines[-1]}"
 
 
 def train(

@@ -21,6 +21,7 @@ from stillroom.spaces import (
     ENVIRONMENTS_MAX,
     RENDER_MODES,
     SEED_MAX,
+    Parts,
     actions_of,
     choice_of,
     flag,
@@ -77,7 +78,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
 
         Args:
             num_envs: number of environments.
-            kitchens: a split ("train", which it is without one, "validation", "test"), a number or a `Kitchen`, or a
+            kitchens: a split ("train", which it is without one, "valid", "test"), a number or a `Kitchen`, or a
                 list of them.
             scenes: TOML file of a scene of your own, or a list of them, instead of kitchens.
             autoreset_mode: `NextStep`, `SameStep` or `Disabled`, as Gymnasium defines them; it is in
@@ -223,7 +224,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
 
     def _own_reward(self, parts: RewardParts) -> NDArray[np.float64]:
         assert self._reward is not None
-        rewards = self._reward(parts)
+        rewards = self._reward(Parts(parts))
         try:
             array = np.full(0, 0.0) if rewards is None else np.asarray(rewards, np.float64)
         except (ArithmeticError, TypeError, ValueError):
@@ -263,7 +264,9 @@ def _kitchens(
         count = len(paths)
     else:
         if kitchens is None or isinstance(kitchens, str):
-            chosen: list[Any] = kitchens_of(choice("kitchens", kitchens or "train", ["train", "validation", "test"]))
+            # "validation" is an older name.
+            split = "train" if kitchens is None else "valid" if kitchens == "validation" else kitchens
+            chosen: list[Any] = kitchens_of(choice("kitchens", split, ["train", "valid", "test"]))
         elif isinstance(kitchens, Kitchen) or is_single(kitchens):
             chosen = [kitchens]
         else:

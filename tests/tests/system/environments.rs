@@ -334,14 +334,16 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
     for (fault, sentence) in [
         ("step", "step() raised ZeroDivisionError: the robot fell over ("),
         ("reset", "reset() raised ValueError: no start was found"),
-        ("shape", "its `goal_m` is an array of [2] float32, not an array of [3] F32"),
-        ("dtype", "its `goal_m` is an array of [3] int16, not an array of [3] F32"),
-        ("range", "which cannot be"),
-        ("nan", "its goal_m is not finite"),
+        ("shape", "its `goal_m` is an array of [2] float32, not an array of [3] float32"),
+        ("dtype", "its `goal_m` is an array of [3] int16, not an array of [3] float32"),
+        ("list", "its `goal_m` is a list, not an array of [3] float32"),
+        ("range", "its goal_m[0] is 7."),
+        ("nan", "its goal_m[0] is not finite"),
         ("reward", "its reward is not finite"),
         ("key", "it gives no `goal_m`"),
-        ("tuple", "step() did not return (observation, reward, terminated, truncated, info)"),
-        ("exit", "step() asked Python to exit (enough)"),
+        ("tuple", "step() returned 2 values: observation, reward, terminated, truncated, info are needed"),
+        ("none", "step()'s reward is None, not a number of type float32"),
+        ("exit", "step() called sys.exit(enough)"),
         ("os_exit", "exit status 3, its last call was in environment"),
         ("segfault", "signal 11 (SIGSEGV), its last call was in environment"),
         ("hang", "killed by the orchestrator, its last call was in environment"),
@@ -370,6 +372,22 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
     };
     assert!(logged("print").contains("a line of the environment's own"));
     assert!(logged("step").contains("Traceback"));
+}
+
+/// Its seeds and actions lead to the same error at every start.
+#[test]
+#[ignore = "needs a Python with the package: make test-python"]
+fn an_environment_that_fails_at_every_start_ends_the_run_with_its_sentence() {
+    let place = place();
+    let kwargs = serde_json::json!({ "fault": "shape", "marker": "always" });
+    let printed = complete(faulty(&place, "run", "make_env", &kwargs));
+    assert!(!printed.success && printed.deaths().len() <= 2 + ACTORS as usize, "{printed:#?}");
+    let last = " died twice of the same error: environment ";
+    let ended: Vec<&str> = printed.stderr.lines().filter(|line| line.contains(last)).collect();
+    let mend = "step 5: its `goal_m` is an array of [2] float32, not an array of [3] float32; mend the environment, then \
+                `orchestrator resume RUN`";
+    assert!(ended.len() == 1 && ended[0].contains("ERROR") && ended[0].ends_with(mend), "{printed:#?}");
+    place.workshop.run("run").assert_nothing_left();
 }
 
 #[test]

@@ -178,10 +178,14 @@ impl World {
     }
 
     fn exit(&mut self, process: Process, exit: Exit) {
+        self.exit_with(process, exit, "oh");
+    }
+
+    fn exit_with(&mut self, process: Process, exit: Exit, last_words: &str) {
         if let Some(incarnation) = self.up.remove(&process) {
             self.told_to_go.remove(&process);
             self.killed.remove(&process);
-            self.feed(Event::Exited { process, incarnation, exit, last_words: vec!["oh".into()] });
+            self.feed(Event::Exited { process, incarnation, exit, last_words: vec![last_words.into()] });
         }
     }
 

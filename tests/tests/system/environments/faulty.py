@@ -1,5 +1,5 @@
 """An environment that does one thing wrong once, in the sixth step of an episode: `fault` says what. The file `marker` is
-made just before, and where it is there already nothing is wrong."""
+made just before, and where it is there already nothing is wrong; `always` is no file, and everything is wrong."""
 
 import os
 import subprocess
@@ -54,6 +54,10 @@ class Faulty(gymnasium.Env):
                     seen["goal_m"] = seen["goal_m"] * np.float32("nan")
                 case "reward":
                     reward = float("inf")
+                case "list":
+                    seen["goal_m"] = seen["goal_m"].tolist()
+                case "none":
+                    reward = None
                 case "key":
                     del seen["goal_m"]
                 case "tuple":
@@ -73,6 +77,8 @@ class Faulty(gymnasium.Env):
     def _is_time(self):
         if "--describe" in sys.argv:
             return False
+        if self._marker == "always":
+            return True
         try:
             return bool(self._marker) and os.close(os.open(self._marker, os.O_CREAT | os.O_EXCL)) is None
         except FileExistsError:

@@ -72,6 +72,37 @@ fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
 }
 
 #[test]
+fn the_second_error_of_an_environment_at_the_same_step_ends_the_run() {
+    let error = |step: u32| format!("2026-11-21T02:04:23.1Z ERROR actor 2: environment 4, episode 1, step {step}: oh");
+    let mut world = World::new();
+    for _ in 0..4 {
+        world.step(true);
+    }
+    for (exit, step) in [(1, 7), (1, 8), (1, 7)].map(|(exit, step)| (Exit::Code(exit), step)).into_iter().chain([
+        // Which is no error's.
+        (Exit::Signal(9), 7),
+        (Exit::Signal(9), 7),
+    ]) {
+        world.exit_with(Process::Actor(2), exit, &error(step));
+        world.pass(Duration::from_secs(30));
+        assert!(!world.supervisor.is_stopping());
+    }
+    assert!(world.deaths()[0].contains("exit status 1, environment 4, episode 1, step 7: oh; start number 2 follows"));
+    world.exit_with(Process::Actor(1), Exit::Code(1), &error(9));
+    world.exit_with(Process::Actor(2), Exit::Code(1), &error(9));
+    assert!(!world.supervisor.is_stopping(), "two actors, each for the first time");
+    world.pass(Duration::from_secs(30));
+    world.exit_with(Process::Actor(2), Exit::Code(1), &error(9));
+    train(&mut world);
+    let outcome = world.outcome.expect("it ended");
+    assert!(outcome.saved.is_some(), "what was trained is kept");
+    let SessionEnd::Failed(reason) = outcome.end else { panic!("{:?}", outcome.end) };
+    let expected = "actor-02 (kitchen 4) died twice of the same error: environment 4, episode 1, step 9: oh; mend the \
+                    environment, then `orchestrator resume RUN`";
+    assert_eq!(reason, expected);
+}
+
+#[test]
 fn a_learner_that_cannot_save_is_not_started_again() {
     for learners in [1, 3] {
         let mut world = World::with(learners);
