@@ -365,7 +365,7 @@ fn an_observation_that_is_not_finite_has_that_status_too() {
     let failed = rig.learner(&Plan::PoisonActorAfter(0, 1));
     assert_eq!(failed.status.code(), Some(EXIT_NON_FINITE), "{failed:?}");
     assert!(failed.stderr.contains("actor 1, kitchen 3, environment"), "{}", failed.stderr);
-    assert!(failed.stderr.contains("its goal_m is not finite"), "{}", failed.stderr);
+    assert!(failed.stderr.contains("its goal_m[1] is not finite"), "{}", failed.stderr);
     let dump = (0..5).map(|rollout| rig.run_folder().nonfinite_dump(rollout, 0)).find(|dump| dump.exists());
     let dump = dump.unwrap_or_else(|| panic!("there is no dump: {}", failed.stderr));
     assert!(failed.stderr.contains(&dump.display().to_string()), "{}", failed.stderr);

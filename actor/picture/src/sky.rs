@@ -35,7 +35,7 @@ pub fn light(model: &Model, points: &[Lit]) -> Vec<f32> {
     shine((0..LAMPS).map(|index| Lamp::hung(model, index, LAMPS, SIDE)), points)
 }
 
-/// Fewer lamps whose pictures are kept, for many pictures of one scene. So many that none's shadow has an edge to be seen.
+/// Fewer lamps whose pictures are kept, for many pictures of one scene; enough that no single shadow has an edge.
 pub struct Dome(Vec<Lamp>);
 
 impl Dome {

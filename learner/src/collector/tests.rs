@@ -503,7 +503,7 @@ fn an_actor_that_disagrees_is_named() {
         (error.to_string(), error.is_non_finite())
     };
     let (not_finite, is_non_finite) = said(broken(&|_, sample| sample.reals("wrist_to_object_m")[1] = f32::NAN));
-    assert!(is_non_finite && not_finite.contains("wrist_to_object_m is not finite"), "{not_finite}");
+    assert!(is_non_finite && not_finite.contains("wrist_to_object_m[1] is not finite"), "{not_finite}");
     let mut text = |message| {
         let (text, is_non_finite) = said(message);
         assert!(!is_non_finite, "{text}");

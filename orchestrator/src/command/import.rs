@@ -183,7 +183,10 @@ mod tests {
         let refused = named_preset(&other).unwrap_err().to_string();
         assert!(refused.starts_with(&format!("{} is damaged", other.display())), "{refused}");
         std::fs::write(&other, "weights of somebody else's").unwrap();
-        assert_eq!(named_preset(&other).unwrap(), None);
+        let refused = named_preset(&other).unwrap_err().to_string();
+        assert!(refused.contains("is no safetensors file"), "{refused}");
+        std::fs::write(&other, b"\x02\0\0\0\0\0\0\0{}").unwrap();
+        assert_eq!(named_preset(&other).unwrap(), None, "weights of somebody else's");
     }
 
     #[test]

@@ -12,9 +12,9 @@
 //! Every state has a deadline: learners must become ready, their actors must connect, rollouts must come, a stop must
 //! be acknowledged, and a process that was asked to exit must exit. Learners whose actors do not connect fail the run at
 //! once, and those that do not become ready at their second start: trying again would only take as long again. An
-//! actor that dies twice of the same error of the user's environment fails the run. What exceeds any other deadline is killed, and a kill is a death like any other. Deaths without progress are bounded
-//! ([`super::restart`]), progress is bounded by the frame budget, so every schedule of events ends in
-//! [`Action::Finish`].
+//! actor that dies twice of the same error of the user's environment fails the run. What exceeds any other deadline is
+//! killed, and a kill is a death like any other. Deaths without progress are bounded ([`super::restart`]), progress is
+//! bounded by the frame budget, so every schedule of events ends in [`Action::Finish`].
 //!
 //! Time is the duration since the orchestrator began.
 

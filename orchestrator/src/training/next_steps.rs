@@ -114,9 +114,10 @@ mod tests {
         ];
         assert_eq!(lines("demo", true), expected);
         assert_eq!(lines("paper", false), expected[1..3], "nothing was recorded, and this was the full run");
+        let numbers = include_str!("../../../learner/tests/support/numbers.toml");
         let command = |words: &[&str]| {
             let command = words.iter().map(|&word| word.to_owned()).collect();
-            let environment = Some(EnvironmentConfig { command, declaration: String::new() });
+            let environment = Some(EnvironmentConfig { command, declaration: numbers.to_owned() });
             let config = Config { environment, ..Config::resolve("paper", None).unwrap() };
             complete("./orchestrator", &folder, &config, true).remove(0)
         };

@@ -89,6 +89,6 @@ mod tests {
         );
         assert_eq!(check(spec, &transition, &current), Ok(()));
         let far = Current { goal_position_m: [1e6, 0.0, 0.0], ..Current::default() };
-        assert!(check(spec, &transition, &far).unwrap_err().to_string().contains("goal_position_m is 1000000"));
+        assert!(check(spec, &transition, &far).unwrap_err().to_string().contains("goal_position_m[0] is 1000000"));
     }
 }
