@@ -213,7 +213,7 @@ fn what_cannot_be_is_one_clear_error_and_the_run_goes_on() {
     let (_, frames) = finish(child).result();
     assert_eq!(frames, FRAMES);
     let message = refused(&["--actors", "4"]);
-    assert!(message.contains("does not run") && message.contains("resume kept --actors 4"), "{message}");
+    assert!(message.contains("kept is complete") && message.contains("resume kept --actors 4 --frames F"), "{message}");
     let mut resume = workshop.resume("kept");
     resume.args(["--actors", "4"]);
     complete(resume).refused("this run is complete");
