@@ -20,8 +20,7 @@ pub fn guide(policy: &Policy, model: &str) -> String {
         GoalCoordinates::Cartesian => "; the network takes absolute values",
         GoalCoordinates::Polar | GoalCoordinates::Plain => "",
     };
-    let numbers = policy.numbers();
-    let states = policy.states();
+    let (numbers, states) = (policy.numbers(), policy.states());
     let mut text = format!(
         "# {model}
 

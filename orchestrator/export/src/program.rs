@@ -49,7 +49,7 @@ pub(crate) fn of_own_environment(policy: &Policy, model: &str) -> String {
         ActionHead::Discrete(_) => r#"int(out["log_probs"][0].argmax())  # training and evaluation sample"#.to_owned(),
         ActionHead::MultiDiscrete(counts) => {
             let ends = counts.iter().scan(0, |end, count| {
-                *end += usize::from(*count);
+                *end += *count;
                 Some(*end)
             });
             let ends: Vec<usize> = ends.take(counts.len().saturating_sub(1)).collect();
@@ -91,26 +91,26 @@ fn given(policy: &Policy) -> (String, String, String) {
     let is_bare = inputs.places().map(|place| place.name).chain(inputs.images.iter().map(|image| image.name.as_str()));
     let is_bare = is_bare.eq(["observation"]);
     let seen = |name: &str| if is_bare { "seen".to_owned() } else { format!("seen[{name:?}]") };
-    let mut lines = "    given = {}\n".to_owned();
+    let mut lines = vec!["given = {}".to_owned()];
     let parts: Vec<String> = inputs.places().map(|place| part_of(&seen(place.name), &place)).collect();
     if !parts.is_empty() {
         let name = policy.numbers_name();
-        lines += &format!("    parts = [{}]\n", parts.join(", "));
-        lines += "    numbers = numpy.concatenate([numpy.ravel(part) for part in parts])\n";
-        lines += &format!("    given[{name:?}] = numbers.astype(numpy.float32)[None]\n");
+        lines.push(format!("parts = [{}]", parts.join(", ")));
+        lines.push("numbers = numpy.concatenate([numpy.ravel(part) for part in parts])".to_owned());
+        lines.push(format!("given[{name:?}] = numbers.astype(numpy.float32)[None]"));
     }
-    for image in &inputs.images {
-        lines += &format!("    given[\"{IMAGES}{}\"] = {}[None]\n", image.name, seen(&image.name));
-    }
+    let image = |name: &str| format!("given[\"{IMAGES}{name}\"] = {}[None]", seen(name));
+    lines.extend(inputs.images.iter().map(|one| image(&one.name)));
     if policy.is_masked() {
-        lines += &format!("    given[{MASK:?}] = numpy.ravel(info[{MASK:?}]).astype(bool)[None]\n");
+        lines.push(format!("given[{MASK:?}] = numpy.ravel(info[{MASK:?}]).astype(bool)[None]"));
     }
-    if !policy.config.network.previous_action {
-        return (lines, String::new(), String::new());
+    let (mut before, mut after) = (String::new(), String::new());
+    if policy.config.network.previous_action {
+        lines.push("given[\"previous_action\"] = numpy.array([previous])".to_owned());
+        before = format!("previous = {}\n", policy.config.action_head().outputs());
+        "    previous = action\n".clone_into(&mut after);
     }
-    lines += "    given[\"previous_action\"] = numpy.array([previous])\n";
-    let first = policy.config.action_head().outputs();
-    (lines, format!("previous = {first}\n"), "    previous = action\n".to_owned())
+    (lines.iter().flat_map(|line| ["    ", line, "\n"]).collect(), before, after)
 }
 
 /// An observation as the network takes it.
