@@ -270,7 +270,7 @@ class E(gymnasium.Env):
         ),
         (3, "def E(): return None", "E() returned None, which is no gymnasium.Env"),
         (3, "def E(): return 5", "E() returned an int, which is no gymnasium.Env"),
-        (3, "import sys\ndef E(): sys.exit(4)", "the environment's E() called sys.exit(4) (mine.py:"),
+        (3, "import sys\ndef E(): sys.exit(4)", "the environment's E() called sys.exit(4) (mine.py:4)"),
     ],
 )
 def test_an_exception_is_one_sentence_with_its_place(tmp_path: Path, line: int, instead: str, said: str) -> None:
