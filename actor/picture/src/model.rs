@@ -53,7 +53,7 @@ impl Model {
                 model.add(&body.shape, pose, palette::colour(&body.category, kitchen.id().number()), false);
             }
         }
-        model.walls = Wall::of(&model, |body| walls.contains(&body));
+        model.walls = Wall::of(&model.bounds_of_bodies(), |body| walls.contains(&body));
         model
     }
 
@@ -114,6 +114,15 @@ impl Model {
 
     pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
         self.triangles.iter().map(|triangle| triangle.corners)
+    }
+
+    fn bounds_of_bodies(&self) -> Vec<(Vec3, Vec3)> {
+        let mut bounds = vec![(Vec3::splat(f32::MAX), Vec3::splat(f32::MIN)); self.colours.len()];
+        for triangle in &self.triangles {
+            let body = &mut bounds[triangle.body as usize];
+            *body = triangle.corners.iter().fold(*body, |(low, high), at| (low.min(*at), high.max(*at)));
+        }
+        bounds
     }
 
     pub fn bounds(&self) -> (Vec3, Vec3) {

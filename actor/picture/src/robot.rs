@@ -5,7 +5,6 @@
 
 use super::canvas::Rgb;
 use super::palette;
-use super::sky::Lit;
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use simulator::robot::links::{HAND, PartPoses, part_shapes};
 use simulator::shape::{Part, Primitive, Shape};
@@ -40,13 +39,13 @@ fn capsule(part: &Shape) -> (f32, f32) {
     }
 }
 
-/// Share of the light on a place that the base leaves: it darkens the floor about it.
-pub fn shadow(poses: &PartPoses) -> impl Fn(&Lit) -> f32 + use<> {
+/// Share of the light on a place that the base leaves, by the place and its normal: it darkens the floor about it.
+pub fn shadow(poses: &PartPoses) -> impl Fn(Vec3, Vec3) -> f32 + use<> {
     let (radius_m, half_height_m) = capsule(&part_shapes()[0]);
     let middle = poses[0].translation;
-    move |lit| {
-        let way = lit.point - middle;
-        if lit.open || lit.normal.y < 0.9 || (way.y + half_height_m + radius_m).abs() > FLOOR_M {
+    move |place, normal| {
+        let way = place - middle;
+        if normal.y < 0.9 || (way.y + half_height_m + radius_m).abs() > FLOOR_M {
             return 1.0;
         }
         let near = 1.0 - (libm::hypotf(way.x, way.z) - radius_m) / SHADOW_M;

@@ -88,7 +88,8 @@ impl Scene {
         model.add_robot(&moment.robot, true);
         let exposure = Exposure::take(&model, &camera, width, height, background);
         let depths_m = exposure.depths_m();
-        let mut picture = self.develop(exposure, fine, shadow(&moment.robot));
+        let shadow = shadow(&moment.robot);
+        let mut picture = self.develop(exposure, fine, |lit| shadow(lit.point, lit.normal));
         self.haunt(&mut picture, moment, &camera, &depths_m);
         mark(&mut picture, &camera, &self.task, moment, |x, y| depths_m[y * width + x]);
         picture

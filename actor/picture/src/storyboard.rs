@@ -66,7 +66,7 @@ impl Storyboard {
         let (before, light) = &self.lit;
         let light = exposure.light_as_in(before, light).zip(exposure.waiting());
         let shadow = shadow(&moment.robot);
-        let light: Vec<f32> = light.map(|(light, lit)| light * shadow(&lit)).collect();
+        let light: Vec<f32> = light.map(|(light, lit)| light * shadow(lit.point, lit.normal)).collect();
         let depths_m = exposure.depths_m();
         let mut picture = exposure.develop(&mut light.into_iter());
         self.scene.haunt(&mut picture, moment, &self.outside, &depths_m);

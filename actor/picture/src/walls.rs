@@ -1,6 +1,5 @@
 //! Walls between a camera outside and the room, which pictures leave out with what hangs on them.
 
-use super::model::Model;
 use rapier3d::math::Vec3;
 
 /// The thickest wall, metres.
@@ -23,18 +22,12 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// The walls among the bodies of a model, and what hangs on each.
-    pub fn of(model: &Model, is_wall: impl Fn(u32) -> bool) -> Vec<Self> {
+    /// The walls among bodies, and what hangs on each; `bounds`: the lowest and highest corner of each body, metres.
+    pub fn of(bounds: &[(Vec3, Vec3)], is_wall: impl Fn(u32) -> bool) -> Vec<Self> {
         let begin = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
-        let mut bounds = vec![begin; model.colours.len()];
-        for triangle in &model.triangles {
-            let (low, high) = &mut bounds[triangle.body as usize];
-            (*low, *high) =
-                triangle.corners.iter().fold((*low, *high), |(low, high), at| (low.min(*at), high.max(*at)));
-        }
-        let (low, high) = model.bounds();
+        let (low, high) = bounds.iter().fold(begin, |(low, high), body| (low.min(body.0), high.max(body.1)));
         let middle = 0.5 * (low + high);
-        let bodies = || (0..).zip(&bounds);
+        let bodies = || (0..).zip(bounds);
         let of = |(_, (low, high)): (u32, &(Vec3, Vec3))| {
             let size = *high - *low;
             let along = if size.x < size.z { Vec3::X } else { Vec3::Z };
@@ -60,23 +53,18 @@ impl Wall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rapier3d::math::Pose3;
-    use simulator::shape::{Primitive, Shape};
 
     #[test]
     fn a_wall_before_the_room_is_left_out_with_what_hangs_on_it() {
-        let mut model = Model::default();
-        let mut block = |at: Vec3, half_m: Vec3| {
-            let shape = Shape::of(Primitive::Cuboid { half_extents_m: half_m });
-            model.add(&shape, &Pose3::from_translation(at), [255; 3], false);
-        };
+        let mut bounds = Vec::new();
+        let mut block = |at: Vec3, half_m: Vec3| bounds.push((at - half_m, at + half_m));
         block(Vec3::new(2.0, 1.25, 0.0), Vec3::new(0.05, 1.25, 2.0)); // a wall towards +x,
         block(Vec3::new(1.97, 1.0, 0.5), Vec3::new(0.02, 1.0, 0.4)); // its door,
         block(Vec3::new(1.75, 1.8, -0.5), Vec3::new(0.2, 0.4, 0.4)); // a cabinet on it,
         block(Vec3::new(1.75, 0.5, -0.5), Vec3::new(0.2, 0.5, 0.4)); // and one under it;
         block(Vec3::new(0.0, 1.25, -2.0), Vec3::new(2.0, 1.25, 0.05)); // a wall towards -z.
         block(Vec3::new(0.0, -0.1, 0.0), Vec3::new(2.1, 0.1, 2.1));
-        let walls = Wall::of(&model, |body| [0, 4].contains(&body));
+        let walls = Wall::of(&bounds, |body| [0, 4].contains(&body));
         let left_out = |x: f32, z: f32| {
             let eye = Vec3::new(x, 2.0, z);
             walls.iter().filter(|wall| wall.hides_from(eye)).flat_map(|wall| wall.bodies.clone()).collect::<Vec<_>>()

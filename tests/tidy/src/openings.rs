@@ -42,6 +42,7 @@ const OTHERS: &[(&str, &str)] = &[
     ("orchestrator/src/command/environment_flags.rs", "a file that the user names"),
     ("orchestrator/src/environment/consent.rs", "what this user has allowed"),
     ("orchestrator/src/suite/file.rs", "a file that the user names"),
+    ("orchestrator/src/training/next_steps.rs", "a file that the user names"),
     ("orchestrator/src/report_builder/kept.rs", "a file that the user names"),
     ("orchestrator/src/recording/reader.rs", "a recording that the user names, or that was listed"),
     ("orchestrator/src/recording/repair.rs", "a recording that the user names, and its folder"),
