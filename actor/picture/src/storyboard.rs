@@ -194,7 +194,7 @@ mod tests {
         write(&mut canvas, 448, &task, &captions);
         let has = |canvas: &Canvas, colours: &[Rgb]| colours.iter().all(|colour| canvas.pixels.contains(colour));
         assert!(has(&canvas, &[INK, BAD, FAINT, DISPLACED]) && !has(&canvas, &[GOOD]));
-        // A success had the colour of a failed action.
+        // A success has another colour than a failed action.
         let mut success = Canvas::new(width, height, PAPER);
         let captions = Captions { remarks: vec![("goal success".to_owned(), true)], ..Captions::default() };
         write(&mut success, 448, &task, &captions);

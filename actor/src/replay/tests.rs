@@ -61,7 +61,6 @@ fn replay(config: &Config, images: Option<ReplayImages>, episodes: &[RecordedEpi
         }
     };
     let verdicts: Vec<ReplayVerdict> = lines(config, images, episodes).into_iter().filter_map(verdict).collect();
-    // Whoever waited read nothing of an episode before it was drawn.
     assert_eq!(drawn, verdicts.iter().map(|verdict| verdict.images).sum::<u64>());
     verdicts
 }

@@ -251,7 +251,10 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
     let bare = |word: &str| word.trim_start_matches('-').to_owned();
     let given = text(ContextKind::InvalidArg).map(|word| bare(&word)).unwrap_or_default();
     // Letters in common alone make an argument like another.
-    let is_unlike = |suggested: &ContextValue| matches!(suggested, ContextValue::String(ours) if nearest(&given, std::iter::once(&*bare(ours))).is_none());
+    let is_unlike = |suggested: &ContextValue| match suggested {
+        ContextValue::String(ours) => nearest(&given, std::iter::once(&*bare(ours))).is_none(),
+        _ => false,
+    };
     let dashes = |value: &ContextValue| matches!(value, ContextValue::StyledStrs(all) if all.iter().any(|one| one.to_string().contains("as a value")));
     if error.get(ContextKind::Suggested).is_some_and(dashes) {
         error.remove(ContextKind::Suggested);
@@ -309,7 +312,6 @@ mod tests {
             (&["up", "--dry-run"], "tip: here `orchestrator config` prints what a run would do"),
             (&["suite", "a.toml", "--dry-run"], "tip: here it is `--check`"),
             (&["sweep", "a.toml"], "tip: `orchestrator suite` does that"),
-            // It is like `validate`, and was answered with `orchestrator eval`.
             (
                 &["delete", "runs/a", "--run", "b"],
                 "tip: `orchestrator stop RUN` ends a run, then `rm -r RUN` does that",

@@ -291,7 +291,6 @@ mod tests {
         assert_eq!(divide(vec![episode(1, 0, 3)], 8).len(), 1);
     }
 
-    /// Nothing was counted within an episode.
     #[test]
     fn frames_are_counted_while_an_episode_is_drawn() {
         let totals = Totals { episodes: 1, compared: 52, drawn: 83, ..Totals::default() };

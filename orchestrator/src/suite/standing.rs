@@ -86,7 +86,6 @@ mod tests {
 
     const TEXT: &str = "seeds = [2, 1]\n[[runs]]\npreset = \"demo\"\nname = \"tiny\"\n";
 
-    /// One of its runs was shown, and nothing of the suite.
     #[test]
     fn runs_are_counted_and_stand_in_the_order_of_the_file() {
         let temporary = tempfile::tempdir().unwrap();

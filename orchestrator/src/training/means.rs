@@ -251,7 +251,7 @@ pub mod tests {
         assert_eq!(figures[0].last_tenth.mean_return, Some(1.0));
     }
 
-    /// A complete run of long episodes had no figures.
+    /// As in a complete run of long episodes.
     #[test]
     fn a_stage_without_an_episode_in_its_newest_tenth_has_means_over_all_of_it() {
         let mut history = history(29);

@@ -238,7 +238,6 @@ mod tests {
         assert_eq!(wrapped("", 3), [""]);
     }
 
-    /// 71 744 frames were 71k.
     #[test]
     fn an_axis_ends_at_the_nearest_number() {
         let cases = [

@@ -101,7 +101,6 @@ fn every_size_is_drawn() {
     }
 }
 
-/// A suite was one of its runs.
 #[test]
 fn a_suite_has_a_line_above_its_run() {
     let (_temporary, readers, name) = run(3);
@@ -119,7 +118,6 @@ fn a_suite_has_a_line_above_its_run() {
     assert_eq!(screen(&model, 80, 24)[0], shown[0]);
 }
 
-/// Its beginning gave way to what the colours of the curves are.
 #[test]
 fn a_name_comes_before_the_stages() {
     let (_temporary, readers, name) = run(3);

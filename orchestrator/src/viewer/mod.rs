@@ -3,6 +3,7 @@
 
 mod episode_table;
 pub mod logbook;
+mod process_log;
 mod processes;
 mod roster;
 pub mod tail;

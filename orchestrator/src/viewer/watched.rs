@@ -2,7 +2,8 @@
 
 use super::episode_table::{self, Pairable};
 use super::logbook::{Found, beginnings, logs_of};
-use super::processes::{Process, Processes};
+use super::process_log::{Log, WARNINGS, workers};
+use super::processes::Processes;
 use super::roster::Entry;
 use super::tail::{New, Tail};
 use crate::environment::growing;
@@ -10,7 +11,6 @@ use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
 use crate::evaluation::text::conditions;
 use crate::output::format;
-use crate::output::log_line::LogLine as Parsed;
 use crate::recording::Recordings;
 use crate::recording::episode_index::{EpisodeIndex, Shelved};
 use crate::run::checkpoints::newest_path;
@@ -27,92 +27,25 @@ use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table_from};
 use proto::replay::{RecordedEpisode, ReplaySetup};
-use proto::run_folder::{RolloutName, RunFolder, by_number};
+use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
 use proto::task::Spec;
 use proto::trained::{History, Trained};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use tracing::Level;
 use view::data::{
-    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, LogLine, Problem, Stage, Start,
-    Validated, Worker,
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, Problem, Stage, Start, Validated,
 };
 
 /// How long recordings are read at a time: while a run is watched, each second; and for a table that somebody waits
 /// for.
 const GLANCE: Duration = Duration::from_millis(120);
 const LOOK: Duration = Duration::from_millis(800);
-const WARNINGS: usize = 30;
-const LINES: usize = 14;
-const TEXT_MAX: usize = 600;
 const NEWEST: usize = 50;
 /// All logs together are read up to so many bytes; of longer ones the ends.
 const LOG_BYTES_MOST: u64 = 256 << 20;
 const POINTS_MOST: usize = 50_000_000;
-
-struct Log {
-    tail: Tail,
-    lines: VecDeque<LogLine>,
-    warnings: VecDeque<LogLine>,
-    /// Starts of its process in all, and within the newest start of the orchestrator.
-    starts: u32,
-    incarnation: u32,
-    /// Its process is on another host.
-    is_remote: bool,
-}
-
-impl Log {
-    fn of(tail: Tail, is_remote: bool) -> Self {
-        let (lines, warnings) = (VecDeque::new(), VecDeque::new());
-        Self { tail, lines, warnings, starts: 0, incarnation: 0, is_remote }
-    }
-
-    fn read(&mut self, until: Instant) -> std::io::Result<()> {
-        loop {
-            let new = self.tail.read()?;
-            let more = new.more;
-            self.take(new);
-            if !more || Instant::now() > until {
-                return Ok(());
-            }
-        }
-    }
-
-    fn take(&mut self, new: New) {
-        if new.anew {
-            (self.starts, self.incarnation) = (0, 0);
-            self.lines.clear();
-            self.warnings.clear();
-        }
-        for line in new.lines {
-            let line = String::from_utf8_lossy(&line);
-            if let Some(start) = line.strip_prefix("--- ") {
-                self.starts += 1;
-                let number = start.split_once(", start ").and_then(|(_, rest)| rest.split_once(' ')?.0.parse().ok());
-                self.incarnation = number.unwrap_or(self.starts);
-                continue;
-            }
-            let Parsed { level, text } = Parsed::parse(&line);
-            let at = line.split_once(' ').filter(|_| level.is_some()).map_or("", |(at, _)| at);
-            let text = text.chars().take(TEXT_MAX).collect();
-            let shown = LogLine { at: at.to_owned(), level: level.map_or("", |level| level.as_str()).to_owned(), text };
-            // An error is the least verbose of levels.
-            if level.is_some_and(|level| level <= Level::WARN) {
-                push(&mut self.warnings, shown.clone(), WARNINGS);
-            }
-            push(&mut self.lines, shown, LINES);
-        }
-    }
-}
-
-fn push(lines: &mut VecDeque<LogLine>, line: LogLine, most: usize) {
-    if lines.len() == most {
-        lines.pop_front();
-    }
-    lines.push_back(line);
-}
 
 pub struct Watched {
     entry: Entry,
@@ -524,35 +457,6 @@ fn start(incarnation: &crate::run::identity::Incarnation) -> Start {
     }
 }
 
-fn workers(logs: &BTreeMap<String, Log>, processes: &[Process], growing: &BTreeMap<String, String>) -> Vec<Worker> {
-    let process = |name: &str| processes.iter().find(|process| process.name == name);
-    let worker = |name: &str, incarnation: u32, starts: u32| {
-        let process = process(name);
-        Worker {
-            name: name.to_owned(),
-            pid: process.map(|process| process.pid),
-            incarnation,
-            starts,
-            cores: process.and_then(|process| process.cores),
-            memory_bytes: process.and_then(|process| process.memory_bytes),
-            growth: growing.get(name).cloned(),
-            stopped: process.is_some_and(|process| process.stopped),
-        }
-    };
-    // While a run goes on, those that have ended are left out: of other hosts nothing is seen.
-    let ended = |name: &str, log: &Log| !processes.is_empty() && !log.is_remote && process(name).is_none();
-    let of_logs = logs.iter().filter(|(name, log)| log.starts > 0 && !ended(name, log));
-    let mut workers: Vec<Worker> = of_logs.map(|(name, log)| worker(name, log.incarnation, log.starts)).collect();
-    // The orchestrator and learners before actors.
-    let is_actor = |worker: &Worker| !worker.name.starts_with("learner");
-    workers
-        .sort_by(|a, b| is_actor(a).cmp(&is_actor(b)).then_with(|| by_number(Path::new(&a.name), Path::new(&b.name))));
-    if process("orchestrator").is_some() {
-        workers.insert(0, worker("orchestrator", 1, 1));
-    }
-    workers
-}
-
 fn validated(spec: &Spec, score: Score) -> Validated {
     let Score { rollout, frames, figures, .. } = score;
     Validated { rollout, frames, figures: spec.with_quotients(figures) }
@@ -594,8 +498,7 @@ mod tests {
     use crate::training::means::tests::{history, stages};
     use crate::training::metrics;
 
-    /// A killed orchestrator had not written a rollout that its learner saved: `status` counted it, `list`, `top` and the
-    /// page did not.
+    /// Its orchestrator was killed before it wrote a rollout that its learner had saved.
     #[test]
     fn a_run_that_was_cut_off_has_one_number_of_frames() {
         let (_temporary, folder) = metrics::tests::run();
@@ -621,23 +524,5 @@ mod tests {
         std::fs::write(folder.metrics(), history(7).encode()).unwrap();
         let card = watched.card(LOOK).unwrap();
         assert_eq!((card.done, card.note), (350, None));
-    }
-
-    #[test]
-    fn of_a_run_that_goes_on_what_has_ended_is_left_out() {
-        let folder = RunFolder::new("nowhere");
-        let log = |name: &str, is_remote: bool| {
-            let tail = Tail::of(folder.clone(), folder.log(name), 0);
-            (name.to_owned(), Log { starts: 1, ..Log::of(tail, is_remote) })
-        };
-        let logs = BTreeMap::from([log("actor-00", false), log("actor-01", false), log("actor-02", true)]);
-        let process =
-            |name: &str| Process { name: name.to_owned(), pid: 7, cores: None, memory_bytes: None, stopped: false };
-        let named = |processes: &[Process]| {
-            let workers = workers(&logs, processes, &BTreeMap::new());
-            workers.into_iter().map(|worker| worker.name).collect::<Vec<_>>()
-        };
-        assert_eq!(named(&[process("orchestrator"), process("actor-01")]), ["orchestrator", "actor-01", "actor-02"]);
-        assert_eq!(named(&[]), ["actor-00", "actor-01", "actor-02"], "at rest");
     }
 }

@@ -313,8 +313,10 @@ pub(super) fn check(
     valid: bool,
     problem: &'static str,
 ) -> Result<(), ConfigError> {
-    let place = || "configuration".to_owned();
-    if valid { Ok(()) } else { Err(ConfigError::OutOfRange { place: place(), key, value: value.to_string(), problem }) }
+    if valid {
+        return Ok(());
+    }
+    Err(ConfigError::OutOfRange { place: "configuration".to_owned(), key, value: value.to_string(), problem })
 }
 
 #[cfg(test)]

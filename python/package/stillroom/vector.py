@@ -264,9 +264,7 @@ def _kitchens(
         count = len(paths)
     else:
         if kitchens is None or isinstance(kitchens, str):
-            # "validation" is an older name.
-            split = "train" if kitchens is None else "valid" if kitchens == "validation" else kitchens
-            chosen: list[Any] = kitchens_of(choice("kitchens", split, ["train", "valid", "test"]))
+            chosen: list[Any] = kitchens_of(choice("kitchens", kitchens or "train", ["train", "valid", "test"]))
         elif isinstance(kitchens, Kitchen) or is_single(kitchens):
             chosen = [kitchens]
         else:

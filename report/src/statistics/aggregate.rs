@@ -47,7 +47,7 @@ mod tests {
         assert_eq!(aggregate.iqm.interval, None);
     }
 
-    /// Two seeds without a success had the interval 0 to 0: a resample of equal scores says nothing of others.
+    /// A resample of equal scores says nothing of others.
     #[test]
     fn seeds_that_agree_have_no_interval() {
         let same = [vec![0.1, 0.0], vec![0.1, 0.0], vec![0.1, 0.0]];
