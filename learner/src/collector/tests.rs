@@ -531,7 +531,7 @@ fn an_actor_that_disagrees_is_named() {
     let target = text(broken(&|_, sample| sample.wholes("current_target")[0] = 99));
     assert!(target.contains("current_target is 99"), "{target}");
     let far = text(broken(&|_, sample| sample.reals("object_to_goal_m")[0] = 1e6));
-    assert!(far.contains("object_to_goal_m is 1000000"), "{far}");
+    assert!(far.contains("object_to_goal_m[0] is 1000000"), "{far}");
 
     // What is right is taken once; a copy, an old learner's and a dead predecessor's change nothing.
     let (header, sample) = sent[1].clone();

@@ -118,7 +118,8 @@ mod tests {
         let command = |words: &[&str]| {
             let command = words.iter().map(|&word| word.to_owned()).collect();
             let environment = Some(EnvironmentConfig { command, declaration: numbers.to_owned() });
-            let config = Config { environment, ..Config::resolve("paper", None).unwrap() };
+            let task = "numbers".to_owned();
+            let config = Config { task, environment, ..Config::resolve("paper", None).unwrap() };
             complete("./orchestrator", &folder, &config, true).remove(0)
         };
         let check = "check       ./orchestrator replay 'runs/my run' --check";
