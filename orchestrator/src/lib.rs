@@ -12,7 +12,7 @@ mod hosts;
 mod output;
 mod preflight;
 mod process_end;
-mod recording;
+mod replay;
 mod report_builder;
 mod run;
 mod suite;
@@ -22,7 +22,6 @@ mod tui;
 mod viewer;
 mod wrong;
 
-pub use recording::recorder::{Gap, Ledger, Tally, Verdict};
 pub use supervisor::clock::Clock;
 pub use supervisor::deadlines::Deadlines;
 pub use supervisor::event::{Action, Event, Exit, Outcome, Process, Saved, SessionEnd};
@@ -86,10 +85,13 @@ enum Command {
 }
 
 pub fn main(version: &'static str) -> ExitCode {
-    let matches = CommandLine::command().version(version).try_get_matches();
+    let matches = command_line().version(version).try_get_matches();
     let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
     let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
-    let line = line.unwrap_or_else(|error| command::tips::with_tip(error, &CommandLine::command(), &words).exit());
+    let line = line.unwrap_or_else(|error| {
+        let error = command::tips::with_tip(error, &command_line(), &words);
+        output::name::exit(&error)
+    });
     output::terminal::init(line.verbose, Box::new(output::events::LogLines));
     // Before any child is started: it inherits the limit.
     wire::descriptors::raise_limit();
@@ -129,6 +131,15 @@ pub fn main(version: &'static str) -> ExitCode {
         output::terminal::note(&format!("error: {error:#}{}", command::tips::of_key(&error)));
         ExitCode::from(if wrong::is_wrong(&error) { 2 } else { 1 })
     })
+}
+
+/// As declared; and a negative number is a value, which the option refuses with its range, not an option.
+fn command_line() -> clap::Command {
+    let takes_numbers = |argument: clap::Arg| {
+        let takes_value = argument.get_action().takes_values();
+        if takes_value { argument.allow_negative_numbers(true) } else { argument }
+    };
+    CommandLine::command().mut_subcommands(|command| command.mut_args(takes_numbers))
 }
 
 /// Refuses a current folder that was removed: libraries and children would fail in it for reasons that hide this one.

@@ -1,10 +1,11 @@
 //! What is wrong in itself: the command line, or what it names.
 
-use anyhow::{Error, Result};
+use anyhow::{Error, Result, anyhow};
 use proto::config::ConfigError;
 use proto::stage::TooFewFrames;
 use std::fmt::{Display, Formatter};
 use std::io::ErrorKind;
+use std::path::Path;
 
 /// The command line, or a file or folder that it names, is wrong or not there: the exit status is 2, since the same call
 /// fails again.
@@ -25,6 +26,16 @@ pub fn wrong(error: impl Into<Error>) -> Error {
 
 pub fn judged<T>(result: Result<T>) -> Result<T> {
     result.map_err(wrong)
+}
+
+/// Refuses a file to write whose folder is not there.
+pub fn demand_folder(out: &Path) -> Result<()> {
+    match out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        Some(folder) => {
+            Err(wrong(anyhow!("--out {}: there is no folder {}: make it first", out.display(), folder.display())))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Refuses what is asked.

@@ -1,8 +1,4 @@
 use crate::output::format::counted;
-use crate::recording::episodes::{Recorded, gather};
-use crate::recording::files_at;
-use crate::recording::reader::RecordingError;
-use crate::recording::wanted::Wanted;
 use crate::run::identity::perhaps;
 use crate::suite;
 use crate::training::summary::Summary;
@@ -12,6 +8,10 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::run_folder::{RunFolder, by_number};
+use recording::episodes::{Recorded, gather};
+use recording::files_at;
+use recording::reader::RecordingError;
+use recording::wanted::Wanted;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 

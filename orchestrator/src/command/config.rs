@@ -2,7 +2,7 @@ use super::overrides::{Overrides, default_preset};
 use crate::output::terminal;
 use crate::preflight::programs::Tools;
 use crate::run::identity::perhaps;
-use crate::wrong::{demand, reject};
+use crate::wrong::{demand, demand_folder, reject};
 use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::run_folder::{RunFolder, write_atomically};
@@ -58,6 +58,7 @@ fn write(file: &Path, config: &Config) -> Result<()> {
     // What is written whole takes the place of what was there: not that of a folder, or of /dev/stdout.
     let other = std::fs::metadata(file).is_ok_and(|found| !found.is_file());
     demand!(!other, "{} is no file: name another one with --out", file.display());
+    demand_folder(file)?;
     write_atomically(file, config.to_toml().as_bytes()).with_context(|| format!("cannot write {}", file.display()))
 }
 

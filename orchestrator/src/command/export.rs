@@ -2,14 +2,14 @@ use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::evaluation::subject::{Source, find};
 use crate::output::format::{bytes, counted};
 use crate::output::terminal;
-use crate::recording::episodes::Recorded;
-use crate::recording::harvest::{Harvest, harvest};
+use crate::replay::harvest::{Harvest, harvest};
 use crate::suite;
-use crate::wrong::{demand, reject};
+use crate::wrong::{demand, demand_folder, reject};
 use anyhow::{Context, Result, bail, ensure};
 use export::{Policy, Precision};
 use proto::dataset::{DatasetRequest, DatasetSetup, PictureKind};
 use proto::exit::EXIT_INCOMPLETE;
+use recording::episodes::Recorded;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -121,9 +121,7 @@ fn export_policy(args: &ExportArgs, format: Format) -> Result<()> {
     let out = &args.out;
     let page = out.with_extension("md");
     free(out)?;
-    if let Some(folder) = out.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-        reject!("--out {}: there is no folder {}: make it first", out.display(), folder.display());
-    }
+    demand_folder(out)?;
     suite::refuse(subject)?;
     let policy = match find(subject)? {
         Source::Checkpoint(found) => Policy::read(&found.named, &found.manifest, found.config)?,

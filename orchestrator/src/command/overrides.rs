@@ -30,10 +30,10 @@ pub struct Overrides {
     #[arg(long, value_name = "E", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub envs_per_actor: Option<u32>,
     /// Seed of everything random
-    #[arg(long, value_name = "S", value_parser = one_seed, allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", value_parser = one_seed)]
     pub seed: Option<u64>,
     /// Frames of the whole run (also as 2M or 2e6); all stages are scaled in proportion
-    #[arg(long, value_name = "F", value_parser = frames, allow_negative_numbers = true)]
+    #[arg(long, value_name = "F", value_parser = frames)]
     pub frames: Option<u64>,
 }
 

@@ -1,10 +1,10 @@
 use crate::output::format::counted;
 use crate::output::terminal;
-use crate::recording::repair::{Repair, repair};
 use crate::wrong::demand;
 use anyhow::Result;
 use proto::exit::EXIT_INCOMPLETE;
 use proto::run_folder::RunFolder;
+use recording::repair::{Repair, repair};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

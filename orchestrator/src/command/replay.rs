@@ -1,9 +1,8 @@
 use crate::command::choice::{Choice, Chosen, nothing_in};
 use crate::output::terminal;
-use crate::recording::episodes::Recorded;
-use crate::recording::ffmpeg;
-use crate::recording::newest::{Only, newest};
-use crate::recording::simulate::{Totals, simulate};
+use crate::replay::ffmpeg;
+use crate::replay::newest::{Only, newest};
+use crate::replay::simulate::{Totals, simulate};
 use crate::run::identity::perhaps;
 use crate::suite;
 use crate::wrong::demand;
@@ -12,6 +11,7 @@ use proto::config::Config;
 use proto::exit::EXIT_INCOMPLETE;
 use proto::replay::{Difference, ImageFormat, RecordedEpisode, ReplayImages, ReplaySetup};
 use proto::run_folder::RunFolder;
+use recording::episodes::Recorded;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

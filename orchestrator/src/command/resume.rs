@@ -60,7 +60,7 @@ pub struct ResumeArgs {
     run: PathBuf,
     /// Another budget: frames of the whole run, those included that are trained. It is written into the run's
     /// configuration
-    #[arg(long, value_name = "F", value_parser = super::overrides::frames, allow_negative_numbers = true)]
+    #[arg(long, value_name = "F", value_parser = super::overrides::frames)]
     frames: Option<u64>,
     /// Another number of actors, from here on. It is written into the run's configuration
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=512))]

@@ -4,7 +4,6 @@ use crate::environment::growing;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
 use crate::output::terminal;
-use crate::recording::Recordings;
 use crate::run::identity::{Identity, Incarnation};
 use crate::run::lock::{LockState, holder, state_of};
 use crate::run::process_state::{Stopped, stopped};
@@ -21,6 +20,7 @@ use proto::config::Config;
 use proto::run_folder::RunFolder;
 use proto::run_state::RunState;
 use proto::trained::History;
+use recording::Recordings;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -179,7 +179,10 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     if suite::is_suite(folder.root()) {
         if !args.json {
             match suite::Standing::read(folder.root()) {
-                Ok(standing) => terminal::out(&standing.summary()),
+                Ok(standing) => {
+                    terminal::out(&standing.summary());
+                    terminal::out(&standing.each());
+                }
                 Err(error) => terminal::note(&format!("{error:#}")),
             }
         }
@@ -230,7 +233,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         terminal::out(&line);
     }
     if let Some(recordings) = recordings {
-        terminal::out(&recordings.line());
+        terminal::out(&format::recordings(&recordings));
     }
     // An evaluation is not gone on with.
     if held == LockState::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {

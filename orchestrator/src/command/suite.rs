@@ -39,12 +39,12 @@ config.ppo.learning_rate = 1e-4   # optional: keys laid over preset and suite
 
 [[runs]]
 preset = "disturb-stage2-25m"
-from = "disturb-stage1-20m"       # optional: a run further up; each seed begins with the weights of that one's
+from = "disturb-stage1-20m"       # optional: begin with the weights of a run above
 
 [[runs]]
 preset = "lambda-15"
 name = "rates"
-# optional: every combination is a run, here four with the seed 1, rates-clip=0.1-learning_rate=0.001-1 and so on
+# optional: every combination is a run: rates-clip=0.1-learning_rate=0.001-1
 grid = { "ppo.clip" = [0.1, 0.2], "ppo.learning_rate" = [3e-4, 1e-3] }
 seeds = [1]
 "#;

@@ -162,19 +162,24 @@ fn is_of_up(option: &str, line: &clap::Command) -> bool {
     up.is_some_and(|up| up.get_arguments().any(|argument| argument.get_long() == name))
 }
 
+/// The command of a usage, whatever the program is called; of the program itself `[OPTIONS]`.
+fn command_of(usage: &str) -> &str {
+    usage.split_whitespace().nth(2).unwrap_or_default()
+}
+
 /// What was probably meant by an argument that a command does not have.
-fn unknown_argument(word: &str, usage: &str, line: &clap::Command, words: &[String]) -> Option<String> {
+fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[String]) -> Option<String> {
     match word {
-        word if usage.contains("orchestrator presets") && !word.starts_with('-') => {
+        word if command == "presets" && !word.starts_with('-') => {
             Some(format!("`orchestrator config --preset {word}` prints a preset"))
         }
-        word if usage.contains("orchestrator kitchens") && word.parse::<u32>().is_ok() => {
+        word if command == "kitchens" && word.parse::<u32>().is_ok() => {
             Some(format!("it is drawn by `--kitchens {word}`"))
         }
-        word if usage.contains("orchestrator [OPTIONS] <COMMAND>") && is_of_up(word, line) => {
+        word if command == "[OPTIONS]" && is_of_up(word, line) => {
             Some(format!("a command comes first, as in `orchestrator up {word}`"))
         }
-        word if usage.contains("orchestrator scale") && word.parse::<u32>().is_ok() => {
+        word if command == "scale" && word.parse::<u32>().is_ok() => {
             Some(format!("their number is given as `--actors {word}`"))
         }
         word if presets().iter().any(|preset| preset.name == word) => {
@@ -183,17 +188,16 @@ fn unknown_argument(word: &str, usage: &str, line: &clap::Command, words: &[Stri
         word if set_before(words, word).is_some() => {
             set_before(words, word).map(|key| format!("key and value are one word: `--set {key}={word}`"))
         }
-        word if usage.contains("orchestrator up") && !word.starts_with('-') => {
+        word if command == "up" && !word.starts_with('-') => {
             Some("a preset is given as `--preset NAME`; `orchestrator presets` lists them".to_owned())
         }
-        "--preset" | "--config" | "--set" | "--seed" if usage.contains("orchestrator resume") => Some(
+        "--preset" | "--config" | "--set" | "--seed" if command == "resume" => Some(
             "a run keeps its settings, but for --frames, --actors and --learners; `orchestrator up --from RUN` begins \
              another run with its weights"
                 .to_owned(),
         ),
         word => {
             let of_task = if word == "--task" { preset_of_task(words) } else { None };
-            let command = usage.split("orchestrator ").nth(1).and_then(|rest| rest.split(' ').next())?;
             of_task.or_else(|| ours(command, word))
         }
     }
@@ -231,13 +235,12 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
         }),
         ErrorKind::UnknownArgument => {
             let usage = text(ContextKind::Usage).unwrap_or_default();
-            text(ContextKind::InvalidArg).and_then(|word| unknown_argument(&word, &usage, line, words))
+            text(ContextKind::InvalidArg).and_then(|word| unknown_argument(&word, command_of(&usage), line, words))
         }
         ErrorKind::MissingRequiredArgument => {
             let usage = text(ContextKind::Usage).unwrap_or_default();
-            let command =
-                ["status", "stop", "resume"].into_iter().find(|name| usage.contains(&format!("orchestrator {name} ")));
-            command.and_then(newest_run)
+            let command = command_of(&usage);
+            if ["status", "stop", "resume"].contains(&command) { newest_run(command) } else { None }
         }
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
             let (key, value) = setting.split_once('=')?;
@@ -282,13 +285,18 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
 
 #[cfg(test)]
 mod tests {
-    use crate::CommandLine;
-    use clap::CommandFactory;
+    use crate::command_line;
 
+    /// The same by each name of the program.
     fn answer(words: &[&str]) -> String {
-        let line: Vec<String> = std::iter::once(&"orchestrator").chain(words).map(|&word| word.to_owned()).collect();
-        let error = CommandLine::command().try_get_matches_from(&line).unwrap_err();
-        super::with_tip(error, &CommandLine::command(), &line).to_string()
+        let by = |name: &str| {
+            let line: Vec<String> = std::iter::once(&name).chain(words).map(|&word| word.to_owned()).collect();
+            let error = command_line().try_get_matches_from(&line).unwrap_err();
+            super::with_tip(error, &command_line(), &line).to_string()
+        };
+        let [text, other] = ["orchestrator", "/usr/bin/stillroom"].map(by);
+        assert_eq!(other.replace("stillroom ", "orchestrator "), text, "{words:?}");
+        text
     }
 
     #[test]
@@ -368,6 +376,7 @@ mod tests {
             (["eval", "runs/a", "--run", "b"], "unexpected argument '--run'"),
             (["eval", "runs/a", "--episodes", "many"], "expected a whole number"),
             (["kitchens", "--width", "9", "--gltf"], "9 is outside 320 to 8192"),
+            (["kitchens", "--width", "-5", "--gltf"], "-5 is outside 320 to 8192"),
             (["logs", "runs/a", "--since", "yesterday"], "unexpected argument '--since'"),
         ] {
             let error = answer(&words);

@@ -6,7 +6,6 @@ use super::handshake::{HandshakeError, admit};
 use super::link::{Mouth, send, send_bytes, serve};
 use super::membership::Membership;
 use super::token::Token;
-use crate::output::warning_limiter::WarningLimiter;
 use crate::run::identity::host_name;
 use crate::run::scenes;
 use crate::supervisor::process::LearnersNetwork;
@@ -26,6 +25,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
+use wire::warning_limiter::WarningLimiter;
 
 const PROOF: Duration = Duration::from_secs(5);
 const UNPROVED: usize = 32;

@@ -1,6 +1,7 @@
 pub use report::format::{NOTHING, count, counted, number};
 
 use proto::task::Described;
+use recording::Recordings;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use time::OffsetDateTime;
@@ -19,6 +20,16 @@ pub fn bytes(value: u64) -> String {
         (_, size) if size < 9.995 => format!("{size:.2} {}", UNITS[unit]),
         (_, size) if size < 99.95 => format!("{size:.1} {}", UNITS[unit]),
         (_, size) => format!("{size:.0} {}", UNITS[unit]),
+    }
+}
+
+pub fn recordings(recordings: &Recordings) -> String {
+    let Recordings { files, bytes: size, newest, being_written } = recordings;
+    let (files, size, newest) = (counted(*files as u64, "file"), bytes(*size), newest.display());
+    if *being_written {
+        format!("recordings: {files}, {size}; {newest} is being written, and readable as it is up to the last second")
+    } else {
+        format!("recordings: {files}, {size}; the newest is {newest}")
     }
 }
 

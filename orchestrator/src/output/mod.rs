@@ -3,6 +3,6 @@
 pub mod events;
 pub mod format;
 pub mod log_line;
+pub mod name;
 pub mod table;
 pub mod terminal;
-pub mod warning_limiter;

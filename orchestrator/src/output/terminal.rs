@@ -4,6 +4,7 @@
 //! when the reader of a pipe has gone or the terminal was closed, a run goes on without being watched. Only at the end a
 //! program says that results are lost, as on a full disk: [`demand_written`].
 
+use super::name::as_called;
 use proto::printable::printable;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -99,7 +100,7 @@ pub fn offer(line: &str) -> std::io::Result<()> {
     let mut state = state();
     let drawn = erase(&mut state);
     let mut stdout = std::io::stdout().lock();
-    let written = writeln!(stdout, "{}", printable(line)).and_then(|()| stdout.flush());
+    let written = writeln!(stdout, "{}", printable(&as_called(line))).and_then(|()| stdout.flush());
     draw(&mut state, drawn);
     written
 }
@@ -128,7 +129,7 @@ fn ascii_controls(json: &str) -> String {
 pub fn note(line: &str) {
     let mut state = state();
     let drawn = erase(&mut state);
-    let _ = writeln!(std::io::stderr(), "{}", printable(line));
+    let _ = writeln!(std::io::stderr(), "{}", printable(&as_called(line)));
     draw(&mut state, drawn);
 }
 
@@ -233,7 +234,7 @@ impl Write for Screen {
             return Ok(line.len());
         }
         let drawn = erase(&mut state);
-        let _ = std::io::stderr().write_all(line);
+        let _ = std::io::stderr().write_all(as_called(&String::from_utf8_lossy(line)).as_bytes());
         draw(&mut state, drawn);
         Ok(line.len())
     }

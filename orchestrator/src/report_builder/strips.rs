@@ -4,7 +4,6 @@
 use crate::evaluation::text::shown as in_words;
 use crate::output::format::{self, counted};
 use crate::preflight::programs;
-use crate::recording::episode_index::EpisodeIndex;
 use anyhow::{Context, Result, bail};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -13,6 +12,7 @@ use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
 use proto::show::{self, ShowAnswer, ShowOrbit, ShowRequest, ShowView};
 use proto::task::{Column, Kind, Metric, Spec};
+use recording::episode_index::EpisodeIndex;
 use report::study::{Evaluated, EvaluatedPair, Run, pair_of};
 use serde::Serialize;
 use std::cmp::Reverse;

@@ -204,7 +204,8 @@ fn in_words(text: &str, error: &toml::de::Error) -> anyhow::Error {
     let problem = in_plain_words(error.message()).replacen("unknown field", "unknown key", 1);
     let number = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
     let line = text.lines().nth(number).unwrap_or_default().trim();
-    anyhow::anyhow!("line {}, `{line}`: {problem}{}", number + 1, suggestion(meant.as_deref()))
+    let place = if line.is_empty() { String::new() } else { format!("line {}, `{line}`: ", number + 1) };
+    anyhow::anyhow!("{place}{problem}{}", suggestion(meant.as_deref()))
 }
 
 impl Planned {
@@ -286,6 +287,7 @@ impl Planned {
 fn check_keys(keys: &Table) -> Result<()> {
     let elsewhere = [
         ("seed", "`seeds`"),
+        ("frames", "`frames` of the run, or of the suite"),
         ("preset", "`preset` of the run"),
         ("from", "`from` of the run"),
         ("evaluation", "[[evaluations]]"),
@@ -364,6 +366,7 @@ mod tests {
 
     #[test]
     fn a_wrong_line_is_shown_with_what_it_needs_in_plain_words() {
+        assert_eq!(problem(""), "missing key `runs`");
         for (text, said) in [
             ("seeds = [\"a\"]", "line 1, `seeds = [\"a\"]`: expected a whole number, 0 or greater, found \"a\""),
             ("seeds = [1]\nframes = 1.5", "line 2, `frames = 1.5`: expected a whole number, 0 or greater, found `1.5`"),

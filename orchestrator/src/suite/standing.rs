@@ -58,15 +58,28 @@ impl Standing {
         format!("suite {}: {}", self.name, self.counts())
     }
 
+    /// Names and states of all runs in the order of the suite's file; of a file that cannot be read in that of names.
+    fn in_order(&self) -> Vec<(&String, &Status)> {
+        let file = SuiteFolder::new(self.folder.root()).file();
+        let text = self.folder.read_text(&file).unwrap_or_default();
+        let order = Suite::parse(&text).map_or_else(|_| Vec::new(), |suite| suite.entries);
+        let mut runs: Vec<_> = self.runs.iter().map(|(name, run)| (name, &run.status)).collect();
+        runs.sort_by_key(|(name, _)| order.iter().position(|entry| entry.name == **name));
+        runs
+    }
+
+    /// What each run is at: `tiny-2 done, tiny-1 training`.
+    pub fn each(&self) -> String {
+        let runs = self.in_order().into_iter().map(|(name, status)| format!("{name} {}", self.text(status)));
+        runs.collect::<Vec<_>>().join(", ")
+    }
+
     /// Where the run of this folder, or of this folder of an evaluation, stands in the order of the suite's file.
     pub fn position(&self, run: &Path) -> String {
         let of_run = || {
             let below = run.strip_prefix(self.folder.root().join("runs")).ok()?;
             let name = below.iter().next()?.to_str()?;
-            let file = SuiteFolder::new(self.folder.root()).file();
-            let suite = Suite::parse(&self.folder.read_text(&file).ok()?).ok()?;
-            let mut order = suite.entries.iter().filter(|entry| self.runs.contains_key(&entry.name));
-            let number = order.position(|entry| entry.name == name)? + 1;
+            let number = self.in_order().iter().position(|(run, _)| *run == name)? + 1;
             let status = self.text(&self.runs.get(name)?.status);
             Some(format!("suite {}: run {number} of {}, {status}", self.name, self.runs.len()))
         };
@@ -105,6 +118,7 @@ mod tests {
         let second = "suite small: run 2 of 2, evaluating (suite-test-novel-2)";
         assert_eq!(at("runs/tiny-1/evaluations/suite-test-novel-2"), second);
         assert_eq!(at("runs/other"), standing.summary());
+        assert_eq!(standing.each(), "tiny-2 done, tiny-1 evaluating (suite-test-novel-2)");
 
         assert_eq!(standing.report(), None);
         std::fs::create_dir(folder.report()).unwrap();

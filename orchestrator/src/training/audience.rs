@@ -1,4 +1,3 @@
-use crate::recording::recorder::Recorder;
 use crate::run::identity::{Incarnation, Moment, unix_now};
 use crate::supervisor::shell::Audience;
 use crate::training::events;
@@ -12,6 +11,7 @@ use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
 use proto::run_folder::RunFolder;
 use proto::trained::{History, Trained};
+use recording::recorder::Recorder;
 use std::time::Duration;
 use wire::fault;
 

@@ -1,3 +1,4 @@
+use crate::output::name;
 use proto::bounded;
 use proto::config::{Config, EnvironmentConfig};
 use proto::run_folder::RunFolder;
@@ -5,10 +6,10 @@ use proto::shell::quoted;
 use proto::task::Restore;
 use std::path::Path;
 
-/// This program as a shell finds it: `orchestrator` where it was found by its name, else the path it was called by.
+/// This program as a shell finds it: its name where it was found by that, else the path it was called by.
 pub fn program() -> String {
     let called = std::env::args().next().filter(|called| called.contains('/'));
-    called.map_or_else(|| "orchestrator".to_owned(), quoted)
+    called.map_or_else(|| name::called().to_owned(), quoted)
 }
 
 /// The command of the full run that a demonstration stands for, with the file of settings of this one; none where that

@@ -2,7 +2,6 @@
 //! digits, `frames: ` and a count; a run that failed has neither.
 
 use crate::output::format;
-use crate::recording::files_at;
 use crate::run::damaged;
 use crate::run::identity::Identity;
 use crate::supervisor::event::SessionEnd;
@@ -15,6 +14,7 @@ use proto::config::Config;
 use proto::run_folder::{RolloutName, RunFolder, write_atomically};
 use proto::task::Described;
 use proto::trained::History;
+use recording::files_at;
 use serde::{Deserialize, Serialize};
 use std::fmt::{Display, Formatter};
 use std::path::PathBuf;

@@ -13,8 +13,6 @@
 
 use crate::output::format;
 use crate::process_end::wait_for_child;
-use crate::recording::recorder::Recorder;
-use crate::recording::schema::stillroom;
 use crate::run::checkpoints::read_manifest;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::json_lines::{Writer, set_content};
@@ -31,6 +29,8 @@ use proto::pin::{pin, unpin};
 use proto::plain_file::open_plain;
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
+use recording::recorder::Recorder;
+use recording::schema::stillroom;
 use std::collections::{BTreeMap, VecDeque};
 use std::ffi::OsString;
 use std::fs::OpenOptions;

@@ -22,11 +22,12 @@ const KITCHENS: u16 = 45;
 const PANEL_LINES: u16 = 4;
 
 pub fn draw(frame: &mut Frame, model: &Model) {
-    let suite_lines = u16::from(model.suite.is_some());
+    let suite_lines = 2 * u16::from(model.suite.is_some());
     let lines = [Constraint::Length(suite_lines), Constraint::Length(HEAD), Constraint::Min(0), Constraint::Length(1)];
     let [suite, head, body, foot] = Layout::vertical(lines).areas(frame.area());
     let of_suite = model.suite.as_deref().unwrap_or_default();
-    frame.render_widget(Paragraph::new(format!(" {}", printable(of_suite))).bold(), suite);
+    let lines: Vec<Line> = of_suite.lines().map(|line| Line::from(format!(" {}", printable(line)))).collect();
+    frame.render_widget(Paragraph::new(lines).bold(), suite);
     frame.render_widget(Paragraph::new(foot_line(model, foot.width)), foot);
     let Some(live) = &model.live else {
         frame.render_widget(Paragraph::new(" reading …"), head);

@@ -7,7 +7,7 @@ use view::data::{Curves, Live, Problem};
 pub struct Look {
     pub live: Result<Live, Problem>,
     pub curves: Result<Curves, Problem>,
-    /// Where its run stands in the suite that is watched.
+    /// Of the suite that is watched: where the run stands in it, and what each run is at, a line each.
     pub suite: Option<String>,
 }
 

@@ -102,20 +102,20 @@ fn every_size_is_drawn() {
 }
 
 #[test]
-fn a_suite_has_a_line_above_its_run() {
+fn a_suite_has_two_lines_above_its_run() {
     let (_temporary, readers, name) = run(3);
     let mut model = Model::default();
     look(&readers, &name, &mut model);
     let alone = screen(&model, 80, 24);
-    let suite = || Some("suite small: run 2 of 2, evaluating (suite-test-novel-2)".to_owned());
+    let suite = || Some("suite small: run 2 of 2, training\nsmall-1 done, small-2 training".to_owned());
     let look = |suite| Look { live: readers.live(&name), curves: readers.curves(&name, 0, 0), suite };
     model.take(look(suite()));
     let shown = screen(&model, 80, 24);
-    assert_eq!(shown[0].trim(), suite().unwrap());
-    assert_eq!((&shown[1], &shown[23]), (&alone[0], &alone[23]));
+    assert_eq!(format!("{}\n{}", shown[0].trim(), shown[1].trim()), suite().unwrap());
+    assert_eq!((&shown[2], &shown[23]), (&alone[0], &alone[23]));
     // For a moment its file cannot be read.
     model.take(look(None));
-    assert_eq!(screen(&model, 80, 24)[0], shown[0]);
+    assert_eq!(screen(&model, 80, 24)[..2], shown[..2]);
 }
 
 #[test]

@@ -1,7 +1,7 @@
-use crate::recording::episode_index::{Key, Shelved};
 use proto::evaluation::EpisodeRecord;
 use proto::kitchen::TargetCategory;
 use proto::task::{Described, Spec};
+use recording::episode_index::{Key, Shelved};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use view::data::{EpisodeColumn, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Pairs, ROWS, ROWS_MAX};

@@ -11,8 +11,6 @@ use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
 use crate::evaluation::text::conditions;
 use crate::output::format;
-use crate::recording::Recordings;
-use crate::recording::episode_index::{EpisodeIndex, Shelved};
 use crate::run::checkpoints::newest_path;
 use crate::run::identity::{Identity, is_evaluation};
 use crate::run::lock::{LockState, holder, state_of};
@@ -31,6 +29,8 @@ use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
 use proto::task::Spec;
 use proto::trained::{History, Trained};
+use recording::Recordings;
+use recording::episode_index::{EpisodeIndex, Shelved};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -188,7 +188,7 @@ impl Watched {
                 None => kitchens(config.spec(), &self.episode_index),
                 Some(_) => Vec::new(),
             },
-            recordings: Recordings::of(&self.folder).map(|recordings| recordings.line()),
+            recordings: Recordings::of(&self.folder).as_ref().map(format::recordings),
             indexed: self.episode_index.indexed(),
             notes,
             rollouts: self.history.len() as u64,

@@ -61,6 +61,7 @@ mod services;
 mod shm;
 mod sweeper;
 pub mod version;
+pub mod warning_limiter;
 
 pub use address::{PREFIX_MARK, SHARED_MEMORY, WireAddress, is_run_id, temporary_folder};
 pub use announcer::Announcer;

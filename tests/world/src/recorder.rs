@@ -1,5 +1,5 @@
 //! The recorder's thread: the real ledger in a shell that follows
-//! `orchestrator/src/recording/recorder/recorder_thread.rs`.
+//! `orchestrator/recording/src/recorder/recorder_thread.rs`.
 //!
 //! A recording here is a file of records of one size, each with a digest of itself: what is torn is seen.
 
@@ -10,9 +10,9 @@ use crate::model::StepName;
 use crate::service::TaskId;
 use crate::setup::Mutation;
 use crate::wire::Observations;
-use orchestrator::{Ledger, Tally, Verdict};
 use proto::disk::Disk;
 use proto::record::{RecordHeader, flag};
+use recording::recorder::{Ledger, Tally, Verdict};
 use std::path::{Path, PathBuf};
 use wire::message::{Halves, Line, observation_kind};
 use wire::{Receipt, Written};

@@ -1,9 +1,9 @@
 //! A recording is a complete file while it grows.
 
 use super::*;
-use crate::recording::recorder::segment::{self, Preamble, Segments};
-use crate::recording::repair::Repair;
-use crate::recording::schema::Schema;
+use crate::recorder::segment::{self, Preamble, Segments};
+use crate::repair::Repair;
+use crate::schema::Schema;
 
 /// What a program that seeks finds in a file: messages by topic, through the index at the file's end.
 fn indexed(path: &Path) -> BTreeMap<String, usize> {

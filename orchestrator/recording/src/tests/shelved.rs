@@ -1,9 +1,9 @@
 //! The episode index that grows with recordings has what a reading of them all gathers.
 
 use super::{RecordingsFolder, Said, episodes, same, step};
-use crate::recording::episode_index::EpisodeIndex;
-use crate::recording::episodes::gather;
-use crate::recording::wanted::Wanted;
+use crate::episode_index::EpisodeIndex;
+use crate::episodes::gather;
+use crate::wanted::Wanted;
 use proto::config::{Config, KitchenSource};
 use proto::episode::EnvironmentId;
 use proto::replay::RecordedEpisode;

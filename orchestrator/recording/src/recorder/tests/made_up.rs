@@ -1,10 +1,10 @@
 //! A task that nobody has: its actions are numbers, it has neither images nor a robot with a pose.
 
 use super::*;
-use crate::recording::declared::Declared;
-use crate::recording::form::Told;
-use crate::recording::recorder::message_writer::MessageWriter;
-use crate::recording::recorder::segment::{Preamble, Segments};
+use crate::declared::Declared;
+use crate::form::Told;
+use crate::recorder::message_writer::MessageWriter;
+use crate::recorder::segment::{Preamble, Segments};
 use proptest::prelude::*;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
 use proto::record::{End, RecordHeader};
@@ -147,7 +147,7 @@ proptest! {
     fn any_bytes_are_a_message_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..64)) {
         let declared = made_up();
         for form in [&declared.forms.step, &declared.forms.end] {
-            let reading = crate::recording::reading::Reading::of(form, &form.schema().descriptor).unwrap();
+            let reading = crate::reading::Reading::of(form, &form.schema().descriptor).unwrap();
             if let Ok(told) = reading.read(&bytes) {
                 let mut room = vec![];
                 let again = form.write(&told, &mut room);

@@ -9,7 +9,7 @@
 )]
 
 use super::engine::{END, Engine, OWN, START, STEP};
-use crate::recording::schema::Schema;
+use crate::schema::Schema;
 use prost::Message;
 use prost::encoding::{WireType, encoded_len_varint};
 use prost_types::field_descriptor_proto::{Label, Type};

@@ -7,7 +7,7 @@
 
 use super::index::Index;
 use super::live::LiveFile;
-use crate::recording::schema::{PROTOBUF, Schema};
+use crate::schema::{PROTOBUF, Schema};
 use anyhow::{Result, anyhow};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};

@@ -1,7 +1,7 @@
 //! Where a recording comes from: what stands at its beginning.
 
 use super::reader::{RecordingError, open, read_source};
-use crate::recording::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, RECORDING_VERSION, identity};
+use crate::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, RECORDING_VERSION, identity};
 use mcap::records::{Metadata, Record};
 use proto::config::Config;
 use proto::run_folder::RunFolder;

@@ -1,6 +1,6 @@
 use super::message_writer::RolloutMetrics;
-use crate::recording::schema::foxglove::log::Level;
-use crate::recording::schema::stillroom::{StageSwitch, Validation};
+use crate::schema::foxglove::log::Level;
+use crate::schema::stillroom::{StageSwitch, Validation};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::ops::Range;

@@ -1,27 +1,22 @@
-//! Recordings: [`recorder`] makes them, in messages that follow from the task ([`form`]). [`reader`] goes through a file
-//! however damaged it is, [`episodes`] puts together what can be simulated again, and [`simulate`] does that.
+//! Recordings: [`recorder`] makes them, in messages that follow from the task (`form.rs`). [`reader`] goes through a file
+//! however damaged it is, and [`episodes`] puts together what can be simulated again.
 
 mod assembly;
 mod declared;
 mod engine;
 pub mod episode_index;
 pub mod episodes;
-pub mod ffmpeg;
 mod form;
-pub mod harvest;
-pub mod newest;
 mod origin;
 pub mod reader;
 mod reading;
 pub mod recorder;
 pub mod repair;
 pub mod schema;
-pub mod simulate;
 #[cfg(test)]
 mod tests;
 pub mod wanted;
 
-use crate::output::format;
 use proto::run_folder::{Item, RunFolder};
 use reader::RecordingError;
 use serde::Serialize;
@@ -90,19 +85,5 @@ impl Recordings {
         let bytes = files.iter().map(|file| file.bytes).sum();
         let being_written = is_growing(folder, &newest);
         Some(Self { files: files.len(), bytes, newest, being_written })
-    }
-
-    /// As people read it.
-    pub fn line(&self) -> String {
-        let Self { files, bytes, newest, being_written } = self;
-        let (files, bytes) = (format::counted(*files as u64, "file"), format::bytes(*bytes));
-        let newest = newest.display();
-        if *being_written {
-            format!(
-                "recordings: {files}, {bytes}; {newest} is being written, and readable as it is up to the last second"
-            )
-        } else {
-            format!("recordings: {files}, {bytes}; the newest is {newest}")
-        }
     }
 }

@@ -3,14 +3,14 @@ use super::message_writer::{Counts, MessageWriter};
 use super::note::{Note, OBSERVATIONS, RecorderSetup, RecordingSummary, now_ns};
 use super::segment::{Preamble, Segments};
 use super::tally::Tally;
-use crate::output::warning_limiter::WarningLimiter;
-use crate::recording::declared::Declared;
+use crate::declared::Declared;
 use anyhow::{Context, Result, bail};
 use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 use wire::fault;
 use wire::message::{Halves, Line, ObservationHeader, observation_kind};
+use wire::warning_limiter::WarningLimiter;
 use wire::{Bell, ObservationSubscriber, Receipt, ReceiptBook, Sleeper, Wire, WireError, WireShape, Written};
 
 /// A killed recorder loses at most this much.

@@ -1,5 +1,5 @@
 use super::reader::{Extent, RecordingError, open};
-use crate::recording::recorder::segment::{in_words, write_options};
+use crate::recorder::segment::{in_words, write_options};
 use anyhow::{Result, anyhow, ensure};
 use mcap::McapError;
 use proto::disk::sync_folder;

@@ -3,7 +3,7 @@
 //! The simulator's world follows AI2-THOR: x right, y up, z ahead, which is left-handed. Foxglove, like ROS, is
 //! right-handed with z up. The one mapping between them is [`ros_from_world`]: ahead becomes x, left y, up z.
 
-use crate::recording::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vector3};
+use crate::schema::foxglove::{CameraCalibration, FrameTransform, Quaternion, Vector3};
 use prost_types::Timestamp;
 use proto::camera::{FIELD_OF_VIEW_DEG, FRAME_SIDE, HEIGHT_M};
 

@@ -1,7 +1,7 @@
 //! What the recorder asks a task for by name: its images, and where the robot is.
 
-use crate::recording::recorder::camera::Places;
-use crate::recording::schema::foxglove::RawImage;
+use crate::recorder::camera::Places;
+use crate::schema::foxglove::RawImage;
 use prost_types::Timestamp;
 use proto::task::{Channel, Dtype, Field, Spec};
 

@@ -23,7 +23,9 @@ fn a_rollout_with_a_hole_is_an_error_and_never_confirmed() {
     let recorder = bench.start();
     let receipts = Receipts::open(&bench.address, 2).unwrap();
     let [actor, _] = bench.actors();
-    recorder.learner(1, &crate::evaluation::testing::ready(0, 0, 0));
+    let device = "cpu".to_owned();
+    let ready = LearnerEvent::Ready { rank: 0, rollout: 0, frames: 0, device, parameters: 1, checkpoint: None };
+    recorder.learner(1, &ready);
     // Exchange 1 never comes: two of four steps.
     actor.send(0, 1, 0, |_| {});
     actor.send(0, 1, 2, |_| {});

@@ -7,14 +7,14 @@ mod receipts;
 
 use super::testing::{self, EPISODE_STEPS, FakeActor, Record, action, hash};
 use super::{Recorder, RecorderSetup};
-use crate::recording::episodes::gather;
-use crate::recording::form::Carries;
-use crate::recording::reader::{FileEnd, RecordingError, read_with_trust};
-use crate::recording::repair::repair;
-use crate::recording::schema::stillroom::LearnerMetrics;
-use crate::recording::tests::read;
-use crate::recording::tests::{ARM, said, those};
-use crate::recording::wanted::Wanted;
+use crate::episodes::gather;
+use crate::form::Carries;
+use crate::reader::{FileEnd, RecordingError, read_with_trust};
+use crate::repair::repair;
+use crate::schema::stillroom::LearnerMetrics;
+use crate::tests::read;
+use crate::tests::{ARM, said, those};
+use crate::wanted::Wanted;
 use mcap::records::Record as McapRecord;
 use proptest::prelude::*;
 use prost::Message;
@@ -205,7 +205,7 @@ fn a_full_segment_is_completed_and_episodes_span_segments() {
     let summary = recorder.finish().unwrap();
     assert!(summary.files.len() > 2, "{:?}", summary.files);
     assert_eq!(summary.bytes, summary.files.iter().map(|file| std::fs::metadata(file).unwrap().len()).sum::<u64>());
-    assert_eq!(crate::recording::files_at(bench.folder.path()).unwrap(), summary.files);
+    assert_eq!(crate::files_at(bench.folder.path()).unwrap(), summary.files);
     let steps: usize = summary.files.iter().map(|file| messages(file).get("/step").map_or(0, Vec::len)).sum();
     assert_eq!((steps as u64, summary.steps), (80, 80));
     let recorded = gather(&summary.files, Wanted::default()).unwrap();
@@ -351,13 +351,13 @@ fn what_is_no_recording_is_said_to_be_none() {
     assert!(message(&foreign).contains("was not written by this program"));
     let missing = gather(&[folder.path().join("b.mcap")], Wanted::default()).unwrap_err().to_string();
     assert!(missing.contains("cannot read") && missing.contains("b.mcap"), "{missing}");
-    assert!(crate::recording::files_at(folder.path()).is_ok());
+    assert!(crate::files_at(folder.path()).is_ok());
     // A start that was killed before its recorder had written anything takes nothing from the others.
     let nothing = folder.path().join("b.mcap");
     std::fs::write(&nothing, b"").unwrap();
-    assert_eq!(crate::recording::files_at(folder.path()).unwrap(), std::slice::from_ref(&path));
+    assert_eq!(crate::files_at(folder.path()).unwrap(), std::slice::from_ref(&path));
     std::fs::remove_file(&path).unwrap();
-    assert_eq!(crate::recording::files_at(folder.path()).unwrap(), [nothing], "its own error tells more");
+    assert_eq!(crate::files_at(folder.path()).unwrap(), [nothing], "its own error tells more");
     let empty = tempfile::tempdir().unwrap();
-    assert!(crate::recording::files_at(empty.path()).unwrap_err().to_string().contains("holds no recordings"));
+    assert!(crate::files_at(empty.path()).unwrap_err().to_string().contains("holds no recordings"));
 }

@@ -1,7 +1,7 @@
 //! Where only failures are recorded.
 
 use super::*;
-use crate::recording::episodes::Recorded;
+use crate::episodes::Recorded;
 
 impl Bench {
     /// One that records failures only.

@@ -11,7 +11,7 @@ use super::origin::{Origin, world_of};
 use super::reader::{Extent, RecordingError, read_with_trust};
 use super::reading::Reading;
 use super::wanted::{Known, Wanted};
-use crate::recording::recorder::segment::{IDENTITY_METADATA, identity};
+use crate::recorder::segment::{IDENTITY_METADATA, identity};
 use mcap::records::Record;
 use proto::config::Config;
 use proto::episode::EnvironmentId;

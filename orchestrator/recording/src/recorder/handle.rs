@@ -1,8 +1,8 @@
 use super::message_writer::RolloutMetrics;
 use super::note::{Note, OBSERVATIONS, RecorderSetup, RecordingSummary, START_DEADLINE, now_ns};
 use super::recorder_thread;
-use crate::recording::schema::foxglove::log::Level;
-use crate::recording::schema::stillroom::{StageSwitch, Validation};
+use crate::schema::foxglove::log::Level;
+use crate::schema::stillroom::{StageSwitch, Validation};
 use anyhow::{Context, Result, anyhow, bail};
 use proto::event::LearnerEvent;
 use std::sync::mpsc::{Sender, channel};

@@ -1,10 +1,10 @@
-use super::Recordings;
-use super::episode_index::{EpisodeIndex, Key};
 use crate::output::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
+use recording::Recordings;
+use recording::episode_index::{EpisodeIndex, Key};
 use std::cmp::Reverse;
 use std::time::Duration;
 
@@ -69,6 +69,8 @@ pub fn newest(
             "{place} has no recordings: an evaluation makes them with `--record all` (or `failures`), a run with \
             `recording.enabled = true`"
         );
+        let is_readable = index.notes.is_empty() || index.episodes().next().is_some();
+        ensure!(is_readable, "{place}: no episode can be read in its recordings");
         bail!("{place}: its recordings hold no such episode that has ended");
     }
     for note in explain(&picked, &good, only, count) {

@@ -1,0 +1,67 @@
+//! The name of this program: `orchestrator`, and in a wheel `stillroom` as well. Texts are written with the first one, and
+//! a user of the other reads commands as that user types them.
+
+use std::borrow::Cow;
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+
+const NAME: &str = "orchestrator";
+const OTHER: &str = "stillroom";
+
+fn is_other(program: &str) -> bool {
+    Path::new(program).file_name().is_some_and(|name| name == OTHER)
+}
+
+fn other_was_called() -> bool {
+    std::env::args_os().next().is_some_and(|program| is_other(&program.to_string_lossy()))
+}
+
+/// The name by which a shell finds it.
+pub fn called() -> &'static str {
+    if other_was_called() { OTHER } else { NAME }
+}
+
+/// A text whose commands begin with the name that was called.
+pub fn as_called(text: &str) -> Cow<'_, str> {
+    if other_was_called() { Cow::Owned(with_other(text)) } else { Cow::Borrowed(text) }
+}
+
+/// Only commands: in quotation marks, or of an example that stands in a line of its own.
+fn with_other(text: &str) -> String {
+    let command = |before: &str, name: &str| format!("{before}{name} ");
+    let mut text = text.to_owned();
+    for before in ["`", "\n  "] {
+        text = text.replace(&command(before, NAME), &command(before, OTHER));
+    }
+    text
+}
+
+/// Prints help or an error of the command line, and ends the program.
+pub fn exit(error: &clap::Error) -> ! {
+    if !other_was_called() {
+        error.exit();
+    }
+    let is_terminal =
+        if error.use_stderr() { std::io::stderr().is_terminal() } else { std::io::stdout().is_terminal() };
+    let styled = is_terminal && std::env::var_os("NO_COLOR").is_none();
+    let text = error.render();
+    let text = with_other(&if styled { text.ansi().to_string() } else { text.to_string() });
+    let mut stream: Box<dyn Write> =
+        if error.use_stderr() { Box::new(std::io::stderr()) } else { Box::new(std::io::stdout()) };
+    // Without a reader there is nobody to tell.
+    let _ = stream.write_all(text.as_bytes()).and_then(|()| stream.flush());
+    std::process::exit(error.exit_code())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_have_the_name_that_was_called_and_sentences_stay() {
+        assert!(is_other("stillroom") && is_other("/usr/bin/stillroom") && !is_other("target/release/orchestrator"));
+        let text = "the orchestrator ended: `orchestrator resume RUN`\nExamples:\n  orchestrator up   trains";
+        let other = "the orchestrator ended: `stillroom resume RUN`\nExamples:\n  stillroom up   trains";
+        assert_eq!(with_other(text), other);
+    }
+}
