@@ -169,7 +169,7 @@ pub struct PpoConfig {
     /// Where they are normalised: over each minibatch in place of the rollout.
     pub normalize_by_minibatch: bool,
     /// Treat an end by the step limit as a truncation: the last action's advantage contains the value of the observation
-    /// after it. In a task with images it is the observation before it. The paper does not.
+    /// after it, in a task with images of the one before it. The paper's code treats such an end as any other.
     pub bootstrap_time_limits: bool,
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.
@@ -218,7 +218,7 @@ pub enum AuxiliaryTask {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AuxiliaryConfig {
-    /// Which.
+    /// Which auxiliary task.
     pub task: AuxiliaryTask,
     /// Its weight in the loss.
     pub weight: f64,
@@ -311,7 +311,7 @@ pub struct CheckpointConfig {
 pub struct RecordingConfig {
     /// Whether to record.
     pub enabled: bool,
-    /// Share of episodes whose depth frames are kept, 0..=1.
+    /// Share of episodes whose depth frames are kept.
     pub depth_share: f64,
     /// Only episodes that end without success: each is held back until its end is known. Without depth frames.
     pub failures_only: bool,
@@ -328,11 +328,11 @@ pub struct RecordingConfig {
 pub struct ValidationConfig {
     /// At the first rollout boundary after each multiple of this many frames; 0 = never.
     pub every_frames: u64,
-    /// The first this many episodes of each kitchen and object set; 0 = all.
+    /// How many episodes of each kitchen and object set, from the first; 0 = all.
     pub episodes: u32,
-    /// Targets.
+    /// Which targets.
     pub objects: ObjectSet,
-    /// Actor processes, a multiple of the five kitchens.
+    /// Actor processes.
     pub actors: u32,
 }
 
