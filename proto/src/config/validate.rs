@@ -214,7 +214,7 @@ impl Config {
             "validation.actors",
             actors,
             (5..=512).contains(&actors) && actors.is_multiple_of(5),
-            "must be a multiple of the five validation kitchens, at most 512",
+            "must be a multiple of 5, at most 512: each of the five validation kitchens has as many",
         )
     }
 
