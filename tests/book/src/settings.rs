@@ -27,9 +27,8 @@ These keys are changed most; the others can stay as the preset has them:
 
 A key is given in a file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. A line has the
 key, its default in preset `paper` (`orchestrator config PRESET` prints another's) and, in parentheses, the allowed
-values; words with a meaning of their own stand in the text. The end of a name is its unit: `_s` seconds, `_m` metres,
-`_steps`, `_frames`, `_bytes`. `orchestrator up --env`, `up --from` and `eval` write `[environment]`, `[from]` and
-`[evaluation]`.
+values. The end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. `orchestrator up --env`,
+`up --from` and `eval` write `[environment]`, `[from]` and `[evaluation]`.
 
 This page is made from the sources: `cargo test --release --workspace --test pages` compares it.
 
