@@ -93,7 +93,7 @@ def scaling(kitchen: int, cores: int, turns: int, depth: str, *, with_async: boo
         threads *= 2
     if with_async:
         make = [
-            lambda number=number: stillroom.ArmPointNav(room, number=number, depth=depth)
+            lambda number=number: stillroom.KitchenEnv(room, number=number, depth=depth)
             for number in range(ENVIRONMENTS)
         ]
         figure = rate(gymnasium.vector.AsyncVectorEnv(make), turns)

@@ -17,7 +17,7 @@ from stillroom.network import Network
 
 def demonstrations(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Episodes of the oracle: depth, goals, previous actions, and its actions."""
-    env = stillroom.ArmPointNav(1, preset="demo")
+    env = stillroom.KitchenEnv(1, preset="demo")
     oracle = stillroom.oracle(env)
     episodes, successes = [], 0
     observation, info = env.reset(seed=1)

@@ -18,7 +18,7 @@ pub enum Pin {
     /// `false`: none, the kernel chooses. `true`: each learner and its actors have the cores near the learner's GPU,
     /// divided where several GPUs have the same; without GPUs all cores are divided among the learners.
     Automatic(bool),
-    /// Of these cores, those that `true` would choose.
+    /// A list: of its cores, those that `true` would choose.
     Cores(Vec<u32>),
 }
 
@@ -41,17 +41,11 @@ impl Default for Pin {
 const MAX_CORE: u32 = 1023;
 
 impl Pin {
-    /// Why it can be of no machine, if so.
-    pub(super) fn problem(&self) -> Option<&'static str> {
-        let Self::Cores(cores) = self else { return None };
-        if cores.is_empty() {
-            return Some("must name at least one core, or be true or false");
-        }
-        if cores.iter().any(|&core| core > MAX_CORE) {
-            return Some("cores are numbered 0 to 1023");
-        }
+    /// Whether it can be of some machine.
+    pub(super) fn is_possible(&self) -> bool {
+        let Self::Cores(cores) = self else { return true };
         let twice = cores.iter().enumerate().any(|(index, core)| cores[..index].contains(core));
-        twice.then_some("names a core twice")
+        !cores.is_empty() && cores.iter().all(|&core| core <= MAX_CORE) && !twice
     }
 }
 

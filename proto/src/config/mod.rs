@@ -153,8 +153,8 @@ pub struct PpoConfig {
     pub learning_rate: f64,
     /// What the learning rate falls to, as a share of the one at a stage's start; linear in between.
     pub learning_rate_end: f64,
-    /// Frames of a stage after which it has fallen to that; it stays there. 0 = the stage's own frames. The reference's
-    /// falls over 30M frames whatever a stage's length. `--frames` leaves it as it is.
+    /// Frames of a stage after which it has fallen to that; it stays there. 0 = the stage's own frames. `--frames` leaves
+    /// it as it is.
     pub learning_rate_frames: u64,
     /// What Adam adds to the root of the second moment.
     pub adam_epsilon: f64,
@@ -169,7 +169,7 @@ pub struct PpoConfig {
     /// Where they are normalised: over each minibatch in place of the rollout.
     pub normalize_by_minibatch: bool,
     /// Treat an end by the step limit as a truncation: the last action's advantage contains the value of the observation
-    /// after it. In a task with images it is the observation before it. The paper does not.
+    /// after it, in a task with images of the one before it. The paper's code treats such an end as any other.
     pub bootstrap_time_limits: bool,
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.
@@ -184,8 +184,8 @@ pub struct PpoConfig {
     /// finish.
     pub preemption_share: f64,
     /// Collect the next rollout while the update of the last one runs: always with the weights from before that update,
-    /// so results still do not depend on timing. Faster, above all on a GPU, where acting leaves much of it idle; but a
-    /// rollout is one update older than in the paper's DD-PPO.
+    /// so results still do not depend on timing. Faster, above all on a GPU; but a rollout is one update older than in
+    /// the paper's DD-PPO.
     pub overlap: bool,
 }
 
@@ -218,7 +218,7 @@ pub enum AuxiliaryTask {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AuxiliaryConfig {
-    /// Which.
+    /// Which auxiliary task.
     pub task: AuxiliaryTask,
     /// Its weight in the loss.
     pub weight: f64,
@@ -267,14 +267,13 @@ pub enum EncoderPrecision {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
-    /// Learner processes; the actors are divided among them. Each infers for its own and all take every step of the
-    /// optimiser together, with the sum of their gradients (DD-PPO). They take the steps of one, but for the last bits;
-    /// only the negatives of `cpca16` are drawn from each one's own frames. On CUDA learner i computes on device i.
+    /// Learner processes; the actors are divided among them. All take every step of the optimiser together, with the
+    /// sum of their gradients (DD-PPO). They take the steps of one, but for the last bits and the negatives of `cpca16`.
+    /// On CUDA learner i computes on device i.
     pub count: u32,
-    /// Parts that the actors are divided into, for results that do not depend on `count`: each part is computed by
-    /// itself, and their sums are added in a fixed order, so that 1, 2, 4, ... learners train the same weights bit for
-    /// bit (on GPUs of one kind). 0 = a learner's actors are one part; else a power of two, at least
-    /// `count` (then a power of two, too) and at most the number of actors. Smaller batches take longer.
+    /// Parts that the actors are divided into, so that 1, 2, 4, ... learners train the same weights bit for bit (on
+    /// GPUs of one kind): each part is computed by itself. 0 = a learner's actors are one part; else at least `count`,
+    /// which is then a power of two, too. Smaller batches take longer.
     pub shards: u32,
     /// Where it computes.
     pub device: DeviceChoice,
@@ -285,8 +284,7 @@ pub struct LearnerConfig {
     /// On CUDA: only algorithms that give the same bits every time, so that the same seed gives the same weights on the
     /// same kind of GPU with the same number of learners (or the same `shards`), killed or not.
     pub deterministic: bool,
-    /// Threads of libtorch on the CPU, of each learner. Part of what makes a run reproducible: results differ in the
-    /// last bits between thread counts.
+    /// Threads of libtorch on the CPU, of each learner. Results differ in the last bits between thread counts.
     pub threads: u32,
     /// How long to wait for an actor's observations before giving up, seconds.
     pub actor_deadline_s: f64,
@@ -311,7 +309,7 @@ pub struct CheckpointConfig {
 pub struct RecordingConfig {
     /// Whether to record.
     pub enabled: bool,
-    /// Share of episodes whose depth frames are kept, 0..=1.
+    /// Share of episodes whose depth frames are kept.
     pub depth_share: f64,
     /// Only episodes that end without success: each is held back until its end is known. Without depth frames.
     pub failures_only: bool,
@@ -328,11 +326,11 @@ pub struct RecordingConfig {
 pub struct ValidationConfig {
     /// At the first rollout boundary after each multiple of this many frames; 0 = never.
     pub every_frames: u64,
-    /// The first this many episodes of each kitchen and object set; 0 = all.
+    /// How many episodes of each kitchen and object set, from the first; 0 = all.
     pub episodes: u32,
-    /// Targets.
+    /// Which targets.
     pub objects: ObjectSet,
-    /// Actor processes, a multiple of the five kitchens.
+    /// Actor processes.
     pub actors: u32,
 }
 

@@ -139,7 +139,6 @@ pub struct NetworkConfig {
     /// a frame needs `plain`.
     pub goal: GoalCoordinates,
     /// Sign of the goal vector while the target is held. A policy trained with one sign is useless with the other.
-    /// Cartesian coordinates are absolute values and have no sign.
     pub carried_goal: CarriedGoal,
     /// Feed the previous action's embedding to the belief.
     pub previous_action: bool,

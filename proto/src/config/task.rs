@@ -302,7 +302,7 @@ mod tests {
     fn a_reward_by_count_takes_its_price_once_whatever_the_distance() {
         let text = r#"
         # ANCHOR: count
-        stages = [{ name = "I", reward = "r_count", frames = 1000 }]
+        stages = [{ name = "I", reward = "r_count", frames = 260_000 }]
         [[rewards]]
         name = "r_count"
         base = "r"

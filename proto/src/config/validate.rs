@@ -51,7 +51,7 @@ impl Config {
             )?;
         }
         self.validate_environment()?;
-        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "a run has at most 128 scenes")?;
+        check("scenes", self.scenes.len(), self.scenes.len() <= KitchenId::SCENES_MAX, "must be at most 128 files")?;
         self.validate_kitchens()
     }
 
@@ -148,7 +148,7 @@ impl Config {
                 "stages.frames",
                 stage.frames,
                 1..=STAGE_FRAMES_MOST,
-                "every stage needs at least one frame, and at most 1000000000000000",
+                "must be at least 1 and at most 1000000000000000",
             )?;
         }
         Ok(())
@@ -184,7 +184,7 @@ impl Config {
             "recording.failures_only",
             recording.failures_only,
             !recording.failures_only || recording.depth_share == 0.0,
-            "needs recording.depth_share = 0: frames are not held back (`orchestrator replay` draws them)",
+            "must be false unless recording.depth_share is 0: frames are not held back (`replay` draws them)",
         )?;
         check(
             "recording.segment_bytes",
@@ -192,9 +192,12 @@ impl Config {
             recording.segment_bytes >= 1 << 20,
             "must be at least 1048576",
         )?;
-        if let Some(problem) = self.machine.pin.problem() {
-            check("machine.pin", &self.machine.pin, false, problem)?;
-        }
+        check(
+            "machine.pin",
+            &self.machine.pin,
+            self.machine.pin.is_possible(),
+            "must be true, false or a list of at least one core, each from 0 to 1023, none twice",
+        )?;
         let ValidationConfig { episodes, actors, .. } = self.validation;
         if self.environment.is_some() {
             let few = episodes <= SEEDED_EPISODES_MOST;
@@ -205,13 +208,13 @@ impl Config {
             "validation.episodes",
             episodes,
             episodes <= EPISODES_OF_SET,
-            "a kitchen has 360 episodes of each object set",
+            "must be at most 360: a kitchen has as many episodes of each object set",
         )?;
         check(
             "validation.actors",
             actors,
             (5..=512).contains(&actors) && actors.is_multiple_of(5),
-            "must be a multiple of the five validation kitchens, at most 512",
+            "must be a multiple of 5, at most 512: each of the five validation kitchens has as many",
         )
     }
 

@@ -11,7 +11,7 @@ pub enum ObjectSet {
     Seen,
     /// All twelve.
     All,
-    /// The task declares no targets, and so no sets of them.
+    /// The task declares no targets.
     NoTargets,
 }
 

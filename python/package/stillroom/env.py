@@ -185,7 +185,7 @@ class KitchenEnv(Simulated, gymnasium.Env):
 
 
 ArmPointNav = KitchenEnv
-"""The name that it has had longer; the task is `arm_point_nav` unless `task` or `preset` says otherwise."""
+"""The older name of `KitchenEnv`; the task is `arm_point_nav` unless `task` or `preset` says otherwise."""
 
 
 def moved(objects: list[str], displacements_m: NDArray[np.float32]) -> dict[str, float]:

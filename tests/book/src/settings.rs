@@ -12,12 +12,25 @@ use toml::{Table, Value};
 const HEAD: &str = "\
 # All settings
 
-This page is made from the sources: `cargo test --release --workspace --test pages` compares it, and prints how to renew
-it. Defaults are those of preset `paper`; `orchestrator config PRESET` prints those of another one. A key is given in a
-file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. A line has the key, its default and, in
-parentheses, the allowed values; words with a meaning of their own stand in the text. The default shows the key's type. The
-end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. The tables `[environment]`, `[from]` and `[evaluation]` are not listed: `orchestrator up
---env`, `up --from` and `eval` write them.
+These keys are changed most; the others can stay as the preset has them:
+
+| key | determines |
+|---|---|
+| [`seed`](#at-the-top) | all that is random |
+| [`stages`](#stages) | each stage's reward and frames; `--frames` scales them |
+| [`actors.count`, `actors.environments_per_actor`](#actors) | processes, and environments in each |
+| [`learner.count`](#learner) | how many GPUs train |
+| [`ppo.learning_rate`, `ppo.rollout_steps`](#ppo) | size of an update, frames between updates |
+| [`kitchens.source`](#kitchens) | nineteen kitchens, or procedural ones |
+| [`recording.depth_share`](#recording) | disk space |
+| [`validation.every_frames`](#validation) | how often checkpoints are evaluated |
+
+A key is given in a file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. A line has the
+key, its default in preset `paper` (`orchestrator config PRESET` prints another's) and, in parentheses, the allowed
+values. The end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. `orchestrator up --env`,
+`up --from` and `eval` write `[environment]`, `[from]` and `[evaluation]`.
+
+This page is made from the sources: `cargo test --release --workspace --test pages` compares it.
 
 ";
 
@@ -136,7 +149,9 @@ fn allowed(key: &str, kind: &str, whole_kind: &str) -> String {
         else {
             continue;
         };
-        let answer = problem.strip_prefix("must be ").unwrap_or(problem).to_owned();
+        // A reason follows the values.
+        let values = problem.split(": ").next().unwrap_or(problem);
+        let answer = values.strip_prefix("must be ").unwrap_or(values).to_owned();
         if named == key && !answers.contains(&answer) {
             answers.push(answer);
         }

@@ -135,6 +135,33 @@ fn the_page_of_all_settings_is_what_the_types_say() {
     }
 }
 
+/// A range is values, and no sentence about others. What leads to a section leads to one that has the key.
+#[test]
+fn the_page_of_all_settings_says_what_a_key_can_be_and_where_it_is() {
+    let page = settings_page(&Types::below(&root().join("proto/src")).unwrap()).unwrap();
+    for line in [
+        "* `pin` = `false` (true, false or a list of at least one core, each from 0 to 1023, none twice): Cores",
+        "* `failures_only` = `false` (false unless recording.depth_share is 0): Only",
+        "* `count` = `1` (1 to actors.count): Learner",
+    ] {
+        assert!(page.contains(line), "{line}");
+    }
+    let named: Vec<(String, String)> = links(page.split("\n## ").next().unwrap());
+    assert!(named.len() >= 8, "{named:?}");
+    for (keys, place) in named {
+        let section = page.split("\n## ").find(|section| {
+            let letters = |letter: char| letter.is_alphanumeric() || letter == ' ';
+            let heading: String = section.lines().next().unwrap().chars().filter(|&letter| letters(letter)).collect();
+            format!("#{}", heading.to_lowercase().replace(' ', "-")) == place
+        });
+        let section = section.unwrap_or_else(|| panic!("no section {place}"));
+        for key in keys.split(", ").map(|key| key.trim_matches('`')).filter(|key| *key != "stages") {
+            let name = key.rsplit('.').next().unwrap();
+            assert!(section.contains(&format!("\n* `{name}`")), "{key} is not in {place}");
+        }
+    }
+}
+
 /// Nothing is left out: every key that `orchestrator config` prints has a line in its section.
 #[test]
 fn every_key_of_the_configuration_is_on_the_page() {

@@ -26,7 +26,7 @@ class Kitchen(gymnasium.Env):
         number, episode = self._episodes.get(seed, (0, 0 if seed is None else seed))
         # A replay plays episodes of all environments with one.
         if number not in self._kitchens:
-            self._kitchens[number] = stillroom.ArmPointNav(number=number, **self._task)
+            self._kitchens[number] = stillroom.KitchenEnv(number=number, **self._task)
         self._inner = self._kitchens[number]
         observation, _ = self._inner.reset(seed=self._run_seed, options={"episode": episode})
         return seen(observation), {}
