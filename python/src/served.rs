@@ -116,8 +116,7 @@ impl Guest for Served {
             let reset = self.environments[index].reset.bind(py);
             let returned = returned.and_then(|()| reset.call((), Some(&arguments)));
             let returned = returned.map_err(|error| raised(py, "reset", &error))?;
-            let (observation, info): (Bound<'_, PyAny>, Bound<'_, PyAny>) =
-                returned.extract().map_err(|_| "reset() returned no observation with an info".to_owned())?;
+            let [observation, info] = values("reset", &returned)?;
             take_in(&self.observed, &observation, &mut record)?;
             let states = self.of_info.iter().filter(|(source, _)| !source.channel.is_of_action());
             take_in(states, &info, &mut record)?;
@@ -150,9 +149,9 @@ impl Guest for Served {
             let step = self.environments[index].step.bind(py);
             let returned = self.actions.value(py, action).and_then(|action| step.call1((action,)));
             let returned = returned.map_err(|error| raised(py, "step", &error))?;
-            let returned = five(returned)?;
-            let [observation, reward, terminated, truncated, info] =
-                std::array::from_fn(|at| returned.get_item(at).unwrap_or_else(|_| py.None().into_bound(py)));
+            let [observation, reward, terminated, truncated, info] = values("step", &returned)?;
+            let ended = [terminated, truncated].map(|value| value.extract::<bool>().ok());
+            let [Some(terminated), Some(truncated)] = ended else { return Err(problem("step", &returned)) };
             take_in(&self.observed, &observation, &mut record)?;
             if let Some(Source { channel, field }) = &self.reward {
                 let written = numbers::write(&reward, &[], *field, record.piece(channel));
@@ -160,9 +159,7 @@ impl Guest for Served {
             }
             take_in(&self.of_info, &info, &mut record)?;
             self.keep(index, observation);
-            let [terminated, truncated] = [("terminated", terminated), ("truncated", truncated)]
-                .map(|(name, value)| value.is_truthy().map_err(|_| format!("`{name}` is neither true nor false")));
-            Ok([terminated?, truncated?])
+            Ok([terminated, truncated])
         })
     }
 
@@ -199,17 +196,25 @@ impl Guest for Served {
     }
 }
 
-/// What `step` returned, if it has as many values as Gymnasium says.
-fn five(returned: Bound<'_, PyAny>) -> Result<Bound<'_, PyTuple>, String> {
-    const NEEDED: &str = "observation, reward, terminated, truncated, info are needed";
-    let returned = returned.cast_into::<PyTuple>().map_err(|error| {
-        format!("step() returned {}, not a tuple of five values: {NEEDED}", numbers::kind(&error.into_inner()))
-    })?;
-    match returned.len() {
-        5 => Ok(returned),
-        1 => Err(format!("step() returned 1 value: {NEEDED}")),
-        values => Err(format!("step() returned {values} values: {NEEDED}")),
+/// What a method returned, if it has as many values as Gymnasium says.
+fn values<'py, const COUNT: usize>(
+    method: &str,
+    returned: &Bound<'py, PyAny>,
+) -> Result<[Bound<'py, PyAny>; COUNT], String> {
+    let py = returned.py();
+    match returned.cast::<PyTuple>() {
+        Ok(tuple) if tuple.len() == COUNT => {
+            Ok(std::array::from_fn(|at| tuple.get_item(at).unwrap_or_else(|_| py.None().into_bound(py))))
+        }
+        _ => Err(problem(method, returned)),
     }
+}
+
+/// What is wrong with what a method returned, as the trial before a run says it.
+fn problem(method: &str, returned: &Bound<'_, PyAny>) -> String {
+    let module = returned.py().import("stillroom.returned");
+    let said = module.and_then(|module| module.call_method1("problem", (method, returned)));
+    said.map_or_else(|error| error.to_string(), |said| said.to_string())
 }
 
 /// Writes channels into a record.

@@ -186,6 +186,58 @@ def test_goals_in_every_direction_are_those_of_the_network(programs: dict[str, P
     assert np.ptp(log_probs[:, 0]) > 1e-2, "the policy looks at its goal"
 
 
+OWN = """import gymnasium
+import numpy as np
+box = gymnasium.spaces.Box
+SPACES = {
+    "box": box(-1, 1, (3,), np.float64),
+    "dict": gymnasium.spaces.Dict({"state": box(-1, 1, (3,)), "Goal-1": gymnasium.spaces.Discrete(4, start=1)}),
+    "image": gymnasium.spaces.Dict({"observation": box(0, 255, (40, 36, 3), np.uint8), "state": box(-1, 1, (2,))}),
+}
+class Own(gymnasium.Env):
+    action_space = gymnasium.spaces.Discrete(3)
+    def __init__(self, kind):
+        self.observation_space = SPACES[kind]
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.steps = 0
+        return self.seen(), {}
+    def step(self, action):
+        self.steps += 1
+        return self.seen(), float(action), self.steps == 9, False, {}
+    def seen(self):
+        self.observation_space.seed(int(self.np_random.integers(1000)))
+        return self.observation_space.sample()
+def make(kind):
+    return Own(kind)
+"""
+
+
+@pytest.mark.parametrize("memory", ["none", "gru"])
+@pytest.mark.parametrize("kind", ["box", "dict", "image", "CartPole-v1"])
+def test_the_page_of_an_environment_of_ones_own_runs_as_it_is_printed(
+    programs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, memory: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "states"))
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/reach-it.py").write_text(OWN)
+    is_own = not kind.endswith("-v1")
+    env = "own/reach-it.py:make" if is_own else f"gymnasium:{kind}"
+    words = ["up", "--run", "run", "--python", sys.executable, "--env", env, "--actors", "1", "--envs-per-actor", "2"]
+    words += ["--env-kwargs", json.dumps({"kind": kind})] if is_own else []
+    settings = [f"network.memory={memory}", "network.hidden=16", "ppo.rollout_steps=8", "ppo.minibatches=1"]
+    settings += ["learner.device=cpu"]
+    done = orchestrator(programs, tmp_path, *words, "--frames", "32", *(f"--set={setting}" for setting in settings))
+    assert done.returncode == 0, done.stderr
+    done = orchestrator(programs, tmp_path, "export", "run", "--out", "policy.onnx")
+    assert done.returncode == 0, done.stderr
+    (program,) = re.findall(r"```python\n(.*?)```", (tmp_path / "policy.md").read_text(), re.S)
+    assert ("states" in program) == (memory == "gru")
+    ran = f"{program}\nassert ended and {'env.steps == 9' if is_own else 'True'}"
+    done = subprocess.run([sys.executable, "-c", ran], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, program + done.stderr
+
+
 def test_the_page_beside_a_model_is_a_program_that_runs(programs: dict[str, Path], tmp_path: Path) -> None:
     run_with_weights(programs, tmp_path, weights_of("cnn", 4, 16, 21), ["network.hidden=16", "episode.max_steps=20"])
     first = orchestrator(programs, tmp_path, "export", "run", "--out", "fetch.onnx")

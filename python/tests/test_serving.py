@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import gymnasium
@@ -17,7 +20,8 @@ from stillroom.description import F32_MOST, Refused, check_seen, describe
 from stillroom.determinism import prove, try_out
 from stillroom.film import Camera
 from stillroom.masks import add_mask
-from stillroom.serving import find
+from stillroom.serving import _takes_mode, find
+from stillroom.trial import Tried
 from stillroom.wrappers import ActionMasks, MujocoSnapshot
 
 
@@ -150,8 +154,11 @@ class Faulty(Env):
     ("instead", "problem"),
     [
         ({"reward": float("nan")}, "the environment's reward is nan, which is not finite"),
-        ({"reward": np.zeros(2)}, "the environment's reward is array.*, not a number"),
-        ({"reward": None}, "step..'s reward is None"),
+        (
+            {"reward": np.zeros(2)},
+            r"step\(\)'s reward is an array of \[2\] float64, not a number \(step 1 of the episode with seed 0\)",
+        ),
+        ({"reward": None}, "step..'s reward is None, not a number"),
         (
             {"observation": np.full(3, np.nan, np.float32)},
             r"the environment's observation `observation` at \[0\] is nan, which is not finite",
@@ -160,7 +167,10 @@ class Faulty(Env):
         ({"observation": np.zeros(4, np.float32)}, r"is an array of \[4\] float32"),
         ({"info": {}}, "info of the environment's step.. has no `speed`, which the declaration names"),
         ({"info": {"speed": 3.0}}, "the environment's `speed` in info is 3.0, which is not between 0 and 2"),
-        ({"more": 0}, "step.. returned 6 values: observation, reward, terminated, truncated, info are needed"),
+        ({"more": 0}, r"step\(\) returned 6 values, not \(observation, reward, terminated, truncated, info\)"),
+        ({"observation": None}, "observation `observation` is None, and its space is Box"),
+        ({"terminated": "yes"}, r"step\(\)'s `terminated` is a str, not a bool"),
+        ({"info": None}, r"step\(\)'s info is None, not a dict"),
     ],
 )
 def test_what_a_run_would_refuse_at_the_first_step_is_refused_before(instead, problem):
@@ -169,6 +179,65 @@ def test_what_a_run_would_refuse_at_the_first_step_is_refused_before(instead, pr
     try_out(described, Faulty(info={"speed": 2.0}), [speed])
     with pytest.raises(Refused, match=problem):
         try_out(described, Faulty(**({"info": {"speed": 1.0}} | instead)), [speed])
+
+
+class Late(Env):
+    """Returns something else than it should from its fifth step on, or from each reset."""
+
+    def __init__(self, method, returned, observation=None):
+        super().__init__(observation)
+        self._method, self._returned = method, returned
+
+    def reset(self, **arguments):
+        returned = super().reset(**arguments)
+        return self._returned(returned) if self._method == "reset" else returned
+
+    def step(self, action):
+        returned = super().step(action)
+        return self._returned(returned) if self._method == "step" and self._steps == 5 else returned
+
+
+NEEDED = r"not \(observation, reward, terminated, truncated, info\)"
+
+
+@pytest.mark.parametrize(
+    ("method", "returned", "problem"),
+    [
+        ("step", lambda all_five: (*all_five[:1], None, *all_five[2:]), "step..'s reward is None, not a number"),
+        ("step", lambda all_five: all_five[:4], f"step.. returned 4 values, {NEEDED}"),
+        ("step", lambda all_five: None, f"step.. returned None, {NEEDED}"),
+        ("step", lambda all_five: (*all_five[:1], np.zeros(2), *all_five[2:]), r"an array of \[2\] float64, not a num"),
+        ("step", lambda all_five: (None, *all_five[1:]), "is None, and its space is Box"),
+        ("step", lambda all_five: (*all_five[:2], "yes", *all_five[3:]), "step..'s `terminated` is a str, not a bool"),
+        ("step", lambda all_five: (*all_five[:2], 1, *all_five[3:]), "step..'s `terminated` is an int, not a bool"),
+        ("reset", lambda both: {"observation": 1}, r"reset.. returned a dict, not \(observation, info\)"),
+        ("reset", lambda both: (both[0].tolist(), {}), "is a list, and its space is Box"),
+    ],
+)
+def test_every_call_of_the_trial_is_checked_as_a_run_checks_it(method, returned, problem):
+    described = describe(Env(), "mine")
+    where = "step 5 of the episode with seed 1" if method == "step" else "reset.. of the episode with seed 1"
+    with pytest.raises(Refused, match=rf"{problem}.* \({where}\)$"):
+        prove(Tried(Late(method, returned), described), Env)
+
+
+def test_bools_of_numpy_are_bools():
+    prove(Tried(Late("step", lambda all_five: (*all_five[:2], np.bool_(True), *all_five[3:])), None), Env)
+
+
+def test_a_dictionary_has_the_keys_of_its_space():
+    space = spaces.Dict({"state": spaces.Box(-1, 1, (2,))})
+    described = describe(Env(space), "mine")
+    assert [channel["key"] for channel in described.description["channels"]] == ["state"]
+    for seen, method, problem in [
+        ([0.0, 0.0], "reset", r"reset\(\)'s observation is a list, not a dict: it has no `state`, which its space has"),
+        (None, "step", r"step\(\)'s observation is None, not a dict: it has no `state`, which its space has"),
+    ]:
+        with pytest.raises(Refused, match=problem):
+            check_seen(described, seen, method)
+    for _ in range(2):
+        check_seen(described, {"state": np.zeros(2, np.float32), "extra": 1})
+    assert described.warnings == ["the environment's observation has `extra`, which its space has not: it is left out"]
 
 
 def test_everything_that_is_wrong_with_spaces_is_said_at_once():
@@ -286,6 +355,47 @@ def test_an_exception_is_one_sentence_with_its_place(tmp_path: Path, line: int, 
     assert last.startswith("stillroom: error: ") and last.endswith(said), done.stderr
 
 
+def described_by(tmp_path: Path, text: str) -> subprocess.Popen[str]:
+    """A process that describes an environment, as the orchestrator starts it."""
+    (tmp_path / "mine.py").write_text(text)
+    command = [sys.executable, "-m", "stillroom", "serve", f"{tmp_path / 'mine.py'}:E", "--describe", "--lifeline"]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+
+
+def test_a_trial_reports_each_call_before_it_is_made(tmp_path: Path):
+    with described_by(tmp_path, MINE) as process:
+        assert process.stdout is not None
+        *calls, answer = [json.loads(line) for line in process.stdout]
+        assert process.wait(20) == 0
+    assert answer["name"] == "e"
+    assert calls[0] == {"call": "", "place": "it is being made"}
+    for call, place in [("reset()", "reset()"), ("step()", "step 7")]:
+        assert {"call": call, "place": f"{place} of the episode with seed 1"} in calls
+
+
+def test_a_trial_that_hangs_says_where_and_ends_with_its_parent(tmp_path: Path):
+    step = "        return np.zeros(2, np.float32), 0.0"
+    hangs = MINE.replace(step, f"        import time; time.sleep(1000)\n{step}")
+    with described_by(tmp_path, hangs) as process:
+        assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+        while json.loads(process.stdout.readline())["call"] != "step()":
+            pass
+        # The call is reported before it is made.
+        time.sleep(0.5)
+        process.send_signal(signal.SIGUSR1)
+        while "mine.py" not in (line := process.stderr.readline()):
+            assert line, "nothing is said"
+        assert line.endswith("line 9 in step\n")
+        process.stdin.close()
+        assert process.wait(20) == -signal.SIGKILL
+
+
+def test_a_function_with_any_keywords_takes_a_render_mode():
+    assert _takes_mode(lambda **kwargs: kwargs) and _takes_mode(lambda render_mode=None: render_mode)
+    assert not _takes_mode(lambda size=3: size)
+
+
 def test_a_process_answers_with_its_description_alone(tmp_path: Path):
     (tmp_path / "mine.py").write_text(
         "import gymnasium\nprint('noise')\ndef make_env():\n    print('more')\n    return gymnasium.make('CartPole-v1')\n"
@@ -305,8 +415,9 @@ def test_a_process_answers_with_its_description_alone(tmp_path: Path):
 @pytest.mark.parametrize(
     ("drawn", "problem"),
     [
-        (RuntimeError("no display"), "step 1: its render() raised RuntimeError: no display"),
-        (None, "step 1: its render() returned object (), not uint8 of height, width and 3"),
+        (RuntimeError("no display"), r"step 1: its render\(\) raised RuntimeError: no display \(.*_serving.py:\d+\)"),
+        (NotImplementedError(), r"step 1: its render\(\) raised NotImplementedError \(.*_serving.py:\d+\)"),
+        (None, r"step 1: its render\(\) returned object \(\), not uint8 of height, width and 3"),
     ],
 )
 def test_a_picture_that_is_not_drawn_is_said_with_its_step(drawn, problem):
@@ -327,7 +438,7 @@ def test_a_picture_that_is_not_drawn_is_said_with_its_step(drawn, problem):
     assert camera.problem is None
     for _ in range(2):
         camera.step(0)
-    assert camera.problem == problem
+    assert camera.problem is not None and re.fullmatch(problem, camera.problem)
 
 
 def test_every_episode_has_a_seed_of_its_own():

@@ -213,6 +213,7 @@ impl CChannel {
             names: vec![],
             sums: None,
             tolerance: None,
+            key: None,
             doc,
         };
         channel.range = (role != Role::Mask && !channel.is_bulk()).then_some([self.least, self.most]);

@@ -1,7 +1,9 @@
 //! The programs on a policy's page: a few lines of Python that let it act.
 
 use crate::policy::{IMAGES, MASK, Policy};
-use proto::task::{ActionHead, Place};
+use proto::task::{ActionHead, Dtype, Image, Place};
+use std::ffi::OsStr;
+use std::path::Path;
 
 /// In the package's kitchens. `actions`: how many there are.
 pub(crate) fn of_kitchens(policy: &Policy, model: &str, actions: usize) -> String {
@@ -45,6 +47,7 @@ print("success" if info["success"] else "failure", "after", info["step"], "steps
 /// In an environment of the user's own, whose observations are numbers and images.
 pub(crate) fn of_own_environment(policy: &Policy, model: &str) -> String {
     let (given, before, after) = given(policy);
+    let (imports, make) = made(policy.config.environment.as_ref().map_or(&[][..], |one| &one.command[..]));
     let action = match policy.config.action_head() {
         ActionHead::Discrete(_) => r#"int(out["log_probs"][0].argmax())  # training and evaluation sample"#.to_owned(),
         ActionHead::MultiDiscrete(counts) => {
@@ -62,35 +65,76 @@ pub(crate) fn of_own_environment(policy: &Policy, model: &str) -> String {
     action = numpy.clip(action, env.action_space.low, env.action_space.high)"#
             .to_owned(),
     };
+    let (begins, inputs, goes_on) = match policy.states() {
+        [] => (String::new(), "given", ""),
+        states => (
+            format!(
+                "states = {{name: numpy.zeros((1, {hidden}), numpy.float32) for name in {states:?}}}\n",
+                hidden = policy.config.network.hidden
+            ),
+            "given | states",
+            "    states = {name: out[\"next_\" + name] for name in states}\n",
+        ),
+    };
     format!(
         r#"```python
 import numpy, onnxruntime
-from mine import make_env  # the run's environment
+{imports}
 
-policy, env = onnxruntime.InferenceSession("{model}"), make_env()
+policy, env = onnxruntime.InferenceSession("{model}"), {make}
 outputs = [output.name for output in policy.get_outputs()]
-seen, info = env.reset(seed=1)
-states, ended = {{name: numpy.zeros((1, {hidden}), numpy.float32) for name in {states:?}}}, False
-{before}while not ended:
-{given}    out = dict(zip(outputs, policy.run(None, given | states)))
-    states = {{name: out["next_" + name] for name in states}}
-    action = {action}
+(seen, info), ended = env.reset(seed=1), False
+{begins}{before}while not ended:
+{given}    out = dict(zip(outputs, policy.run(None, {inputs})))
+{goes_on}    action = {action}
 {after}    seen, reward, terminated, truncated, info = env.step(action)
     ended = terminated or truncated
 ```
-"#,
-        hidden = policy.config.network.hidden,
-        states = policy.states(),
+"#
     )
+}
+
+/// Lines that import what makes the environment that a command serves, and what makes it.
+fn made(command: &[String]) -> (String, String) {
+    let after = |word: &str| Some(command.get(command.iter().position(|one| one == word)? + 1)?.as_str());
+    let Some((place, name)) = after("serve").and_then(|env| env.split_once(':')) else {
+        return ("from mine import make_env  # the run's environment".to_owned(), "make_env()".to_owned());
+    };
+    let kwargs = after("--kwargs").filter(|&kwargs| kwargs != "{}");
+    let (import, loads) = match kwargs {
+        Some(kwargs) => ("import json\n", format!("**json.loads({kwargs:?})")),
+        None => ("", String::new()),
+    };
+    let comma = if loads.is_empty() { "" } else { ", " };
+    match place {
+        "gymnasium" => (format!("{import}import gymnasium"), format!("gymnasium.make({name:?}{comma}{loads})")),
+        "envpool" => {
+            (format!("{import}from stillroom.pools import PoolEnv"), format!("PoolEnv({name:?}{comma}{loads})"))
+        }
+        _ => {
+            let file = Path::new(place).extension().filter(|&extension| extension == "py").map(|_| Path::new(place));
+            let folder = file.and_then(Path::parent).or_else(|| after("--path").map(Path::new));
+            let module = file.and_then(Path::file_stem).map_or_else(|| place.into(), OsStr::to_string_lossy);
+            let path = folder
+                .map_or_else(String::new, |folder| format!("\nsys.path.insert(0, {:?})", folder.display().to_string()));
+            let lines = format!("{import}import importlib, sys{path}\nmine = importlib.import_module({module:?})");
+            (lines, format!("mine.{name}({loads})"))
+        }
+    }
 }
 
 /// Lines that fill in the model's inputs but its states, and for the last action a line before the loop and one behind
 /// the choice.
 fn given(policy: &Policy) -> (String, String, String) {
     let inputs = policy.inputs();
-    let is_bare = inputs.places().map(|place| place.name).chain(inputs.images.iter().map(|image| image.name.as_str()));
-    let is_bare = is_bare.eq(["observation"]);
-    let seen = |name: &str| if is_bare { "seen".to_owned() } else { format!("seen[{name:?}]") };
+    let names = inputs.places().map(|place| place.name).chain(inputs.images.iter().map(|image| image.name.as_str()));
+    let is_bare = names.eq(["observation"]);
+    let spec = policy.config.spec();
+    let seen = |name: &str| match spec.channel(name).and_then(|(channel, _)| channel.key.as_deref()) {
+        Some(key) => format!("seen[{key:?}]"),
+        None if is_bare => "seen".to_owned(),
+        None => format!("seen[{name:?}]"),
+    };
     let mut lines = vec!["given = {}".to_owned()];
     let parts: Vec<String> = inputs.places().map(|place| part_of(&seen(place.name), &place)).collect();
     if !parts.is_empty() {
@@ -99,8 +143,10 @@ fn given(policy: &Policy) -> (String, String, String) {
         lines.push("numbers = numpy.concatenate([numpy.ravel(part) for part in parts])".to_owned());
         lines.push(format!("given[{name:?}] = numbers.astype(numpy.float32)[None]"));
     }
-    let image = |name: &str| format!("given[\"{IMAGES}{name}\"] = {}[None]", seen(name));
-    lines.extend(inputs.images.iter().map(|one| image(&one.name)));
+    lines.extend(inputs.images.iter().map(|Image { name, field, .. }| {
+        let numbers = if field.dtype == Dtype::F32 { ".astype(numpy.float32)" } else { "" };
+        format!("given[\"{IMAGES}{name}\"] = {}{numbers}[None]", seen(name))
+    }));
     if policy.is_masked() {
         lines.push(format!("given[{MASK:?}] = numpy.ravel(info[{MASK:?}]).astype(bool)[None]"));
     }
@@ -119,5 +165,37 @@ fn part_of(seen: &str, place: &Place) -> String {
         None => seen.to_owned(),
         Some((0, count)) => format!("numpy.eye({count})[numpy.int64({seen})]"),
         Some((least, count)) => format!("numpy.eye({count})[numpy.int64({seen}) - ({least})]"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_environment_is_made_as_its_run_made_it() {
+        let of = |words: &str| made(&words.split(' ').map(str::to_owned).collect::<Vec<_>>());
+        let python = "/venv/bin/python -m stillroom serve";
+        for (words, imports, make) in [
+            (
+                "gymnasium:CartPole-v1 --kwargs {\"size\":5}",
+                "import json\nimport gymnasium",
+                "gymnasium.make(\"CartPole-v1\", **json.loads(\"{\\\"size\\\":5}\"))",
+            ),
+            ("envpool:Pong-v5", "from stillroom.pools import PoolEnv", "PoolEnv(\"Pong-v5\")"),
+            (
+                "/home/me/reach.py:make --path /home/me/runs",
+                "import importlib, sys\nsys.path.insert(0, \"/home/me\")\nmine = importlib.import_module(\"reach\")",
+                "mine.make()",
+            ),
+            (
+                "mine.arms:make --path /home/me",
+                "import importlib, sys\nsys.path.insert(0, \"/home/me\")\nmine = importlib.import_module(\"mine.arms\")",
+                "mine.make()",
+            ),
+        ] {
+            assert_eq!(of(&format!("{python} {words}")), (imports.to_owned(), make.to_owned()));
+        }
+        assert!(of("sh -c ./simulator").0.starts_with("from mine import make_env"));
     }
 }

@@ -339,6 +339,7 @@ fn a_policy_without_frames_is_a_model_and_a_file_that_names_its_task() {
         assert!(!page.contains("depth"), "{page}");
         let states = ["next_belief", "next_cell"].iter().filter(|name| page.contains(**name)).count();
         assert_eq!(states, memory.states() as usize, "{page}");
+        assert_eq!(page.contains("states"), memory != Memory::None, "{page}");
         // Another network's weights.
         let mut wider = config;
         wider.network.mlp = vec![12, 11];

@@ -1,8 +1,9 @@
 use super::overrides::Overrides;
-use crate::environment::consent;
-use crate::environment::describe::{Answer, demand_build, describe};
+use crate::environment::describe::{Answer, Interrupted, demand_build, describe};
+use crate::environment::{consent, deadline};
+use crate::output::terminal;
 use crate::preflight::programs::on_path;
-use crate::wrong::{demand, judged, reject};
+use crate::wrong::{demand, judged, reject, wrong};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use proto::bounded;
@@ -56,7 +57,10 @@ impl EnvironmentFlags {
         };
         EnvironmentConfig::check_addition(&more, &file)?;
         demand_build(&environment)?;
-        let Answer { description, environments } = judged(describe(&environment, &more))?;
+        let tried = describe(&environment, &more, deadline(&given.over_defaults()?));
+        let tried = tried.map_err(|error| if error.is::<Interrupted>() { error } else { wrong(error) });
+        let Answer { description, environments, warnings } = tried?;
+        warnings.iter().for_each(|warning| terminal::note(&format!("warning: {warning}")));
         if let (Some(size), Some(given)) = (environments, given.environments_per_actor()?) {
             ensure!(
                 size == given,
@@ -79,6 +83,7 @@ impl EnvironmentFlags {
     fn command(&self) -> Result<Option<Vec<String>>> {
         if let Some(command) = &self.env_command {
             demand!(!command.trim().is_empty(), "--env-command is empty");
+            check_command(command)?;
             // A shell reads it, in the folder where the user wrote it, and adds what the orchestrator says.
             let script = format!("cd {} && exec {command} \"$@\"", quoted(std::env::current_dir()?));
             return Ok(Some(["sh", "-c", &script, "sh"].map(str::to_owned).to_vec()));
@@ -137,9 +142,60 @@ fn beside(program: &Path) -> Option<PathBuf> {
     Some(environment.join("bin/python")).filter(|python| python.exists())
 }
 
+/// Refuses a command whose quotation marks are not closed, or whose program is not there: a shell says less.
+fn check_command(command: &str) -> Result<()> {
+    let Some(word) = judged(first_word(command).with_context(|| format!("--env-command {command}")))? else {
+        return Ok(());
+    };
+    let is_there = if word.contains('/') { Path::new(&word).is_file() } else { on_path(&word).is_some() };
+    demand!(is_there, "--env-command {word}: there is no such file or program");
+    Ok(())
+}
+
+/// The first word of a command, if it is the same after a shell has read it.
+fn first_word(command: &str) -> Result<Option<String>> {
+    let (mut word, mut quotation, mut is_plain, mut has_ended) = (String::new(), None, true, false);
+    let mut characters = command.trim_start().chars();
+    while let Some(one) = characters.next() {
+        match (quotation, one) {
+            // What a shell makes of the rest is its own.
+            (None | Some('"'), '$' | '`') | (None, '#') => return Ok(None),
+            (Some(mark), _) if mark == one => quotation = None,
+            (None, '\'' | '"') => quotation = Some(one),
+            (None, _) if one.is_whitespace() => has_ended = true,
+            (None, '~' | '*' | '?' | '[' | '{' | '(' | ')' | '<' | '>' | '|' | '&' | ';') => is_plain &= has_ended,
+            (None | Some('"'), '\\') => {
+                let next = characters.next();
+                word.extend(next.filter(|_| !has_ended));
+            }
+            _ if !has_ended => word.push(one),
+            _ => {}
+        }
+    }
+    ensure!(quotation.is_none(), "a quotation mark is not closed");
+    Ok(is_plain.then_some(word))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_command_that_no_shell_can_start_is_refused_in_a_sentence() {
+        let said = |command: &str| check_command(command).map_err(|error| format!("{error:#}"));
+        let missing = |word: &str| -> Result<(), String> {
+            Err(format!("--env-command {word}: there is no such file or program"))
+        };
+        assert_eq!(said("./nope"), missing("./nope"));
+        assert_eq!(said("'./no pe' --size 3"), missing("./no pe"));
+        assert_eq!(said("no-such-stillroom-program x"), missing("no-such-stillroom-program"));
+        for command in ["'unclosed", "sh -c \"echo", "sh it's"] {
+            assert_eq!(said(command), Err(format!("--env-command {command}: a quotation mark is not closed")));
+        }
+        for command in ["sh", "\"sh\" -c 'exec \"x'", "/bin/sh -c it\\'s", "$PYTHON mine.py", "~/nope", "./a*"] {
+            assert_eq!(said(command), Ok(()), "{command}");
+        }
+    }
 
     #[test]
     fn a_program_in_a_virtual_environment_has_its_interpreter() {

@@ -61,6 +61,11 @@ impl Overrides {
         Ok((one == other).then_some(one))
     }
 
+    /// What the user sets over the defaults, in whatever way; whether it can be is judged when all is known.
+    pub fn over_defaults(&self) -> Result<Config> {
+        Ok(Config::default().overlaid(self.config.as_deref(), &self.settings()?)?)
+    }
+
     /// The built-in task that the user sets, in whatever way.
     pub fn built_in_task(&self) -> Result<Option<String>> {
         let over = |before: &str| {

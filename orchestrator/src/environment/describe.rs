@@ -1,6 +1,6 @@
 use crate::environment::consent::shown;
+use crate::environment::trial::{Ended, Trial};
 use crate::output::log_line::ERROR;
-use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail};
 use proto::config::EnvironmentConfig;
 use proto::printable::printable;
@@ -11,9 +11,8 @@ use std::os::unix::process::CommandExt;
 use std::process::Stdio;
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
+use wire::HeldRequests;
 
-/// To import a simulator and play fifty steps.
-const ANSWERS_WITHIN: Duration = Duration::from_mins(3);
 const NOTHING: &str = "nothing";
 const SAYS_MOST: u64 = 4 << 20;
 
@@ -22,14 +21,22 @@ pub struct Answer {
     pub description: Description,
     /// How many of them an actor has, where it makes vectors of a size.
     pub environments: Option<u32>,
+    /// What a run goes on without.
+    pub warnings: Vec<String>,
 }
 
-/// Tries the environment, which describes itself. `declaration`: TOML that has channels.
-pub fn describe(environment: &EnvironmentConfig, declaration: &str) -> Result<Answer> {
+/// This program was asked to end.
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted while the environment was tried: nothing was begun")]
+pub struct Interrupted;
+
+/// Tries the environment, which describes itself. `declaration`: TOML that has channels. `deadline`: for each call of its
+/// methods.
+pub fn describe(environment: &EnvironmentConfig, declaration: &str, deadline: Duration) -> Result<Answer> {
     let mut words = vec!["--describe"];
     let declared = declaration.parse::<toml::Table>()?.get("channels").map(serde_json::to_string).transpose()?;
     words.extend(declared.iter().flat_map(|declared| ["--declared", declared]));
-    let (answer, errors) = ask(environment, &words)?;
+    let (answer, errors) = ask(environment, &words, deadline)?;
     let command = shown(&environment.command);
     read(&answer)
         .with_context(|| format!("`{command}` answers with what is no description; it says: {}", last(&errors)))
@@ -38,7 +45,7 @@ pub fn describe(environment: &EnvironmentConfig, declaration: &str) -> Result<An
 /// Refuses environments whose package was compiled from other sources than this program: their actors would all die.
 pub fn demand_build(environment: &EnvironmentConfig) -> Result<()> {
     const OWN: &str = wire::version::BUILD;
-    let found = match ask(environment, &["--build"]) {
+    let found = match ask(environment, &["--build"], Duration::MAX) {
         Ok((answer, _)) if answer.trim_ascii() == OWN.as_bytes() => return Ok(()),
         Ok((answer, _)) if answer.trim_ascii().len() == OWN.len() => {
             format!("build {}", printable(String::from_utf8_lossy(&answer).trim()))
@@ -61,33 +68,36 @@ pub fn demand_build(environment: &EnvironmentConfig) -> Result<()> {
     )
 }
 
-fn ask(environment: &EnvironmentConfig, words: &[&str]) -> Result<(Vec<u8>, String)> {
+fn ask(environment: &EnvironmentConfig, words: &[&str], deadline: Duration) -> Result<(Vec<u8>, String)> {
     let command = &environment.command;
     let mut asked = environment.program();
-    asked.args(words).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    asked.args(words).arg("--lifeline").stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = asked.process_group(0).spawn().with_context(|| format!("cannot start `{}`", shown(command)))?;
+    let requests = HeldRequests::hold();
     let group = Pid::from_child(&child);
-    let (output, errors) = (child.stdout.take(), child.stderr.take());
+    // The first closes when this program ends, however it does: then the environment ends, too.
+    let (_lifeline, output, errors) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
+    let trial = Trial::default();
     std::thread::scope(|scope| {
-        let (answer, errors) = (scope.spawn(|| whole(output)), scope.spawn(|| whole(errors)));
-        let status = wait_for_child(&mut child, ANSWERS_WITHIN);
+        let answer = scope.spawn(|| output.map_or(Ok(vec![]), |output| trial.read(output.take(SAYS_MOST))));
+        let errors = scope.spawn(|| whole(errors));
+        let ended = trial.wait(&mut child, &requests, deadline);
         // Also what the environment has started and left behind, which may hold the pipes.
         let _ = kill_process_group(group, Signal::KILL);
+        let _ = child.wait();
         let joined = |reader: ScopedJoinHandle<'_, std::io::Result<Vec<u8>>>| {
             reader.join().map_err(|_| anyhow!("a reader panicked"))?.context("cannot read what it says")
         };
         let read = (joined(answer)?, String::from_utf8_lossy(&joined(errors)?).into_owned());
-        match status.context("cannot wait for the environment's process")? {
-            Some(status) if status.success() => Ok(read),
-            Some(status) => {
+        match ended.context("cannot wait for the environment's process")? {
+            Ended::Exited(status) if status.success() => Ok(read),
+            Ended::Exited(status) => {
                 // Tracebacks, with --verbose.
                 read.1.lines().for_each(|line| tracing::debug!("{}", printable(line)));
                 bail!("{}", refusal(command, &read.1, &proto::exit::how(status)))
             }
-            None => {
-                let _ = child.wait();
-                bail!("`{}` has not described its environment within {} s", shown(command), ANSWERS_WITHIN.as_secs())
-            }
+            Ended::Late(late) => bail!("{}", late.sentence(&shown(command), place(&read.1).as_deref())),
+            Ended::Interrupted => bail!(Interrupted),
         }
     })
 }
@@ -95,7 +105,8 @@ fn ask(environment: &EnvironmentConfig, words: &[&str]) -> Result<(Vec<u8>, Stri
 fn read(answer: &[u8]) -> serde_json::Result<Answer> {
     let mut table: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(answer)?;
     let environments = table.remove("environments").map(serde_json::from_value).transpose()?;
-    Ok(Answer { description: serde_json::from_value(table.into())?, environments })
+    let warnings = table.remove("warnings").map(serde_json::from_value).transpose()?.unwrap_or_default();
+    Ok(Answer { description: serde_json::from_value(table.into())?, environments, warnings })
 }
 
 fn whole(stream: Option<impl Read>) -> std::io::Result<Vec<u8>> {
@@ -124,14 +135,22 @@ fn refusal(command: &[String], errors: &str, how: &str) -> String {
     }
 }
 
-/// Where Python's `faulthandler` found a crash: the innermost call, of the user's own code if there is one.
+/// Where Python's `faulthandler` found a crash.
 fn crash(errors: &str) -> Option<String> {
-    let (_, frames) = errors.split_once("Fatal Python error: ")?;
+    place(errors.split_once("Fatal Python error: ")?.1)
+}
+
+/// Where Python is in what its `faulthandler` writes: the innermost call, of the user's own code if there is one.
+fn place(errors: &str) -> Option<String> {
+    let (_, frames) = errors.split_once(" (most recent call first):")?;
     let calls = || frames.lines().filter_map(|line| line.strip_prefix("  File \""));
-    let call = calls().find(|call| !call.contains("/site-packages/")).or_else(|| calls().next())?;
+    let is_own = |call: &&str| !call.contains("/site-packages/") && !call.starts_with('<');
+    let call = calls().find(is_own).or_else(|| calls().next())?;
     let (file, rest) = call.split_once("\", line ")?;
     let (line, function) = rest.split_once(" in ")?;
-    Some(printable(&format!("{function}() ({file}:{line})")).into_owned())
+    let at = format!("{file}:{line}");
+    let place = if function.starts_with('<') { at } else { format!("{function}() ({at})") };
+    Some(printable(&place).into_owned())
 }
 
 fn last(errors: &str) -> String {
@@ -145,7 +164,8 @@ mod tests {
 
     fn asked(script: &str) -> Result<Answer, String> {
         let command = ["sh", "-c", script].map(str::to_owned).to_vec();
-        describe(&EnvironmentConfig { command, declaration: String::new() }, "").map_err(|error| format!("{error:#}"))
+        let environment = EnvironmentConfig { command, declaration: String::new() };
+        describe(&environment, "", Duration::from_secs(1)).map_err(|error| format!("{error:#}"))
     }
 
     #[test]
@@ -173,6 +193,9 @@ mod tests {
         assert_eq!(asked(&format!("echo '{answer}'; sleep 100 &")).unwrap().description.name, "mine");
         let vectors = asked(&format!("echo '{}'", answer.replacen('{', "{ \"environments\": 16,", 1))).unwrap();
         assert_eq!((vectors.description.name.as_str(), vectors.environments), ("mine", Some(16)));
+        let call = r#"{"call": "step()", "place": "step 1 of the episode with seed 1"}"#;
+        let warned = answer.replacen('{', "{ \"warnings\": [\"it has more\"],", 1);
+        assert_eq!(asked(&format!("echo '{call}'; echo '{warned}'")).unwrap().warnings, ["it has more"]);
         for (script, expected) in [
             ("echo nonsense; echo noise >&2", "what is no description; it says: noise"),
             ("echo trace >&2; echo 'stillroom: error: it has no step' >&2; exit 2", "it has no step"),
@@ -189,6 +212,36 @@ mod tests {
             assert!(problem.contains(expected) && !problem.contains('\n'), "{problem}");
         }
         let command = vec!["/no/such/program".to_owned()];
-        assert!(describe(&EnvironmentConfig { command, declaration: String::new() }, "").is_err());
+        let environment = EnvironmentConfig { command, declaration: String::new() };
+        assert!(describe(&environment, "", Duration::from_secs(1)).is_err());
+    }
+
+    #[test]
+    fn a_hang_is_said_with_its_call_and_place_and_leaves_no_process() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("pid");
+        let traced = "Current thread 0x1 (most recent call first):\\n  File \\\"/mine.py\\\", line 14 in step\\n";
+        let script = format!(
+            r#"trap 'printf "{traced}" >&2' USR1; echo '{{"call": "step()", "place": "step 4 of the episode with seed 1"}}'
+            sleep 1000 & echo $! > {file}; wait; wait"#,
+            file = file.display()
+        );
+        let problem = asked(&script).unwrap_err();
+        assert_eq!(
+            problem,
+            "the environment's step() has not returned for 1 s (last call: step 4 of the episode with seed 1), and is in \
+             step() (/mine.py:14); learner.actor_deadline_s is its deadline"
+        );
+        let pid: i32 = std::fs::read_to_string(file).unwrap().trim().parse().unwrap();
+        let state = || std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        // It is gone, or dead until somebody waits for it.
+        let gone = || state().is_empty() || state().contains(") Z ");
+        for _ in 0..500 {
+            if gone() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        assert!(gone(), "{}", state());
     }
 }

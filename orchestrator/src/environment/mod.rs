@@ -2,6 +2,7 @@
 
 pub mod consent;
 pub mod describe;
+mod trial;
 
 use anyhow::{Context, Result};
 use proto::actor_notes::Noted;
@@ -9,6 +10,7 @@ use proto::config::Config;
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::Duration;
 
 /// Refuses a run or recording whose environments are simulated by a command that is not allowed, or of another build.
 pub fn demand(config: &Config, folder: &Path) -> Result<()> {
@@ -21,8 +23,13 @@ pub fn demand(config: &Config, folder: &Path) -> Result<()> {
 pub fn attempt(config: &Config, folder: &Path) -> Result<()> {
     demand(config, folder)?;
     let Some(environment) = &config.environment else { return Ok(()) };
-    let tried = describe::describe(environment, &environment.declaration);
+    let tried = describe::describe(environment, &environment.declaration, deadline(config));
     tried.map(drop).with_context(|| format!("the environment of {} cannot be started", folder.display()))
+}
+
+/// How long a call of an environment's method may take.
+pub fn deadline(config: &Config) -> Duration {
+    Duration::try_from_secs_f64(config.learner.actor_deadline_s).unwrap_or(Duration::MAX)
 }
 
 /// A sentence for each actor of a run whose memory grows without an end in sight, by the actor's name.

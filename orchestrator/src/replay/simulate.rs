@@ -5,7 +5,8 @@
 //! camera saw where that is asked for. The work is divided by kitchen over as many actors as there are cores.
 
 use crate::environment;
-use crate::output::terminal::Live;
+use crate::output::log_line::ERROR;
+use crate::output::terminal::{self, Live};
 use crate::preflight::programs;
 use crate::process_end::wait_for_child;
 use anyhow::{Context, Result, anyhow, bail, ensure};
@@ -13,13 +14,14 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::exit::how;
 use proto::kitchen::KitchenId;
+use proto::printable::printable;
 use proto::replay::{Difference, RecordedEpisode, ReplayLine, ReplaySetup, ReplayVerdict};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader, BufWriter, ErrorKind, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 /// An actor without output for this long hangs: an episode takes well under a second, the first also builds its
@@ -149,8 +151,24 @@ fn replayer(setup: &ReplaySetup) -> Result<Command> {
     };
     environment::demand(&config, Path::new(setup.folder.as_deref().unwrap_or("RUN")))?;
     let mut command = environment.program();
-    command.arg("--replay");
+    command.arg("--replay").stderr(Stdio::piped());
     Ok(command)
+}
+
+/// Passes on what a process says but for the sentence that it ends with, which comes back.
+fn overheard(number: usize, errors: ChildStderr) -> Result<Receiver<String>> {
+    let (said, problem) = channel();
+    std::thread::Builder::new().name(format!("replay-{number}-err")).spawn(move || {
+        for line in BufReader::new(errors).split(b'\n').map_while(std::io::Result::ok) {
+            let line = String::from_utf8_lossy(&line);
+            match line.strip_prefix(ERROR) {
+                // Nobody asks where another process has failed before.
+                Some(sentence) => drop(said.send(printable(sentence).into_owned())),
+                None => terminal::note(&line),
+            }
+        }
+    })?;
+    Ok(problem)
 }
 
 fn divide(episodes: Vec<RecordedEpisode>, shares: usize) -> Vec<Vec<RecordedEpisode>> {
@@ -185,7 +203,8 @@ impl Drop for Actor {
     }
 }
 
-struct Actors(Vec<Actor>);
+/// With the sentence that a process of the user's environment ends with.
+struct Actors(Vec<(Actor, Option<Receiver<String>>)>);
 
 impl Actors {
     fn start(
@@ -197,11 +216,12 @@ impl Actors {
     ) -> Result<()> {
         let mut command = replayer(setup)?;
         let program = command.get_program().to_owned();
-        let started = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
-        let mut child = started.with_context(|| format!("cannot start {}", program.display()))?;
+        let started = command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = started.spawn().with_context(|| format!("cannot start {}", program.display()))?;
+        let problem = child.stderr.take().map(|errors| overheard(number, errors)).transpose()?;
         let input = child.stdin.take().context("the actor has no standard input")?;
         let output = child.stdout.take().context("the actor has no standard output")?;
-        self.0.push(Actor(child));
+        self.0.push((Actor(child), problem));
         let expected: Vec<_> = share.iter().map(|episode| (episode.environment, episode.episode)).collect();
         let setup = setup.clone();
         // Reading and writing on threads of their own: neither pipe can fill up while we wait on the other.
@@ -216,9 +236,16 @@ impl Actors {
     }
 
     fn reap(&mut self, number: usize) -> Result<()> {
-        match wait_for_child(&mut self.0[number].0, EXIT_DEADLINE).context("cannot wait for an actor")? {
+        let (actor, problem) = &mut self.0[number];
+        match wait_for_child(&mut actor.0, EXIT_DEADLINE).context("cannot wait for an actor")? {
             Some(status) if status.success() => Ok(()),
-            Some(status) => bail!("`actor replay` {}; its last messages are above", how(status)),
+            Some(status) => {
+                // What it has left behind may hold the pipe.
+                let said = problem.as_ref().and_then(|problem| problem.recv_timeout(PROGRESS_INTERVAL).ok());
+                let problem =
+                    said.unwrap_or_else(|| format!("`actor replay` {}; its last messages are above", how(status)));
+                bail!("{problem}")
+            }
             None => bail!("an actor closed its output but did not exit"),
         }
     }

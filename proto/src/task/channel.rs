@@ -129,6 +129,9 @@ pub struct Channel {
     /// Of a place that is to be reached: how near is enough on each axis, for pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f32>,
+    /// Of an environment of the user's that observes a dictionary: where it lies there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub key: Option<String>,
     pub doc: String,
 }
 

@@ -72,10 +72,16 @@ impl Description {
     }
 }
 
-/// Adds a table to a list of tables, in place of the one of its name.
+/// Adds a table to a list of tables, in place of the one of its name. An observation stays where the environment has it.
 fn join(list: &mut Vec<Value>, one: Value) {
     match list.iter_mut().find(|other| other.get("name").is_some() && other.get("name") == one.get("name")) {
-        Some(same) => *same = one,
+        Some(same) => {
+            let key = same.get("key").cloned();
+            *same = one;
+            if let (Some(key), Value::Table(table)) = (key, same) {
+                table.entry("key").or_insert(key);
+            }
+        }
         None => list.push(one),
     }
 }
@@ -132,6 +138,12 @@ mod tests {
         let spec = Spec::parse(&description().declaration(more).unwrap()).unwrap();
         let names: Vec<&str> = spec.channels.iter().map(|channel| channel.name.as_str()).collect();
         assert_eq!(names, ["observation", "reward", "speed"]);
+        let mut keyed = description();
+        keyed.channels[0].key = Some("state".to_owned());
+        let image =
+            r#"channels = [{ name = "observation", role = "observation", dtype = "f32", shape = [4], doc = "" }]"#;
+        let spec = Spec::parse(&keyed.declaration(image).unwrap()).unwrap();
+        assert_eq!((&spec.channels[0].range, spec.channels[0].key.as_deref()), (&None, Some("state")));
         assert_eq!(spec.channels[1].range, Some([0.0, 1.0]));
         assert!(spec.rewards.len() == 2 && spec.cost().is_some());
         let ranking: Vec<&str> = spec.ranking().iter().map(|metric| metric.name.as_str()).collect();

@@ -29,9 +29,9 @@ pub enum SpecError {
     #[error("cost: {0}")]
     Cost(String),
     #[error(
-        "task `{task}`: networks cannot take {what}: they take images of 36 to 512 pixels each way and 1 to 12 channels, \
-         first or last, any other f32, and whole numbers of a declared range, at most 65536 numbers in all; declare \
-         anything else flat"
+        "task `{task}`: networks cannot take {what}: an image has 36 to 512 pixels each way, and 1 to 12 channels first or \
+         last; make numbers of a smaller one (gymnasium.wrappers.FlattenObservation, then DtypeObservation to float32). \
+         Numbers are f32, or whole numbers of a declared range, at most 65536 in all"
     )]
     Input { task: String, what: String },
     #[error("the environment has {now}, but the run was begun with {then}: serve the environment that began it")]

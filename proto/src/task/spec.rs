@@ -107,7 +107,10 @@ impl Spec {
             let mut spec = spec.clone();
             spec.text.clear();
             spec.formerly.clear();
-            spec.channels.iter_mut().for_each(|channel| (channel.tolerance, channel.doc) = (None, String::new()));
+            for Channel { tolerance, key, doc, .. } in &mut spec.channels {
+                (*tolerance, *key) = (None, None);
+                doc.clear();
+            }
             spec.metrics.retain(|metric| metric.curve);
             for Metric { label, unit, doc, .. } in &mut spec.metrics {
                 [label, unit, doc].into_iter().for_each(String::clear);

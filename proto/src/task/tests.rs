@@ -275,7 +275,10 @@ fn observations_that_networks_cannot_take_are_refused_with_their_names() {
         assert_eq!(images, Ok((None, 1)), "{to}: an image like any other");
     }
     let error = inputs("[224, 224]", "[24, 24]").unwrap_err().to_string();
-    assert!(error.starts_with("task `small`: networks cannot take its image `image` of the shape [24, 24]"), "{error}");
+    let rule =
+        ": an image has 36 to 512 pixels each way, and 1 to 12 channels first or last; make numbers of a smaller one";
+    let image = "task `small`: networks cannot take its image `image` of the shape [24, 24]";
+    assert!(error.starts_with(&format!("{image}{rule}")) && error.contains("FlattenObservation"), "{error}");
 }
 
 #[test]

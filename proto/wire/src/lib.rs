@@ -68,7 +68,7 @@ pub use announcer::Announcer;
 pub use bells::{Bell, Bells, Sleeper, Wakeup};
 pub use dimensions::WireShape;
 pub use error::WireError;
-pub use ffi::give_memory_back;
+pub use ffi::{HeldRequests, give_memory_back};
 pub use proto::fault;
 pub use receipts::{Receipt, ReceiptBook, Receipts, Standstill, Written};
 pub use services::{

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from . import _stillroom, fault
+from . import _stillroom, returned
 
 F32_MOST = float(np.finfo(np.float32).max)
 
@@ -40,6 +40,7 @@ class Described:
 
     description: dict[str, Any]
     observed: list[tuple[str, str | None]]
+    warnings: list[str] = field(default_factory=list)
 
 
 def describe(env: gymnasium.Env, name: str) -> Described:
@@ -50,7 +51,7 @@ def describe(env: gymnasium.Env, name: str) -> Described:
     else:
         found = [("observation", None, space)]
     with _Gathered() as gathered:
-        channels = [gathered(_channel, channel, inner) for channel, _, inner in found]
+        channels = [gathered(_channel, channel, key, inner) for channel, key, inner in found]
         actions, restore = gathered(_actions, env.action_space), gathered(_restore, env)
     description = {"name": name, "actions": actions, "channels": channels, "restore": restore}
     return Described(description, [(channel, key) for channel, key, _ in found])
@@ -76,9 +77,18 @@ class _Gathered:
             raise Refused("; and ".join(self._problems))
 
 
-def check_seen(described: Described, observation: Any) -> None:
-    """Refuses an observation that is not as its space says: a run would refuse it at its first step."""
+def check_seen(described: Described, observation: Any, method: str = "reset") -> None:
+    """Refuses an observation that is not as its space says: a run would refuse it at this step. Warns once of one that
+    the space does not have."""
     by_name = {channel["name"]: channel for channel in described.description["channels"]}
+    keys = [key for _, key in described.observed if key is not None]
+    if keys and not isinstance(observation, Mapping):
+        seen = f"{method}()'s observation is {returned.kind(observation)}, not a dict"
+        raise Refused(f"{seen}: it has no `{keys[0]}`, which its space has")
+    for unknown in [key for key in observation if key not in keys] if keys else []:
+        warning = f"the environment's observation has `{unknown}`, which its space has not: it is left out"
+        if warning not in described.warnings:
+            described.warnings.append(warning)
     with _Gathered() as gathered:
         for name, key in described.observed:
             gathered(_check_channel, by_name[name], key, observation)
@@ -91,15 +101,16 @@ def _check_channel(channel: dict[str, Any], key: str | None, observation: Any) -
     seen = observation if key is None else observation[key]
     if channel.get("shape"):
         if not isinstance(seen, np.ndarray):
-            kind = "None" if seen is None else fault.a(type(seen).__name__)
-            raise Refused(f"the environment's observation `{name}` is {kind}, and its space is {space}")
+            raise Refused(f"the environment's observation `{name}` is {returned.kind(seen)}, and its space is {space}")
         fits = DTYPES.get(str(seen.dtype)) == channel["dtype"] or (channel["dtype"], seen.dtype) == ("u8", np.int8)
         if not (fits and list(seen.shape) == channel["shape"]):
             raise Refused(
                 f"the environment's observation `{name}` is an array of {list(seen.shape)} {seen.dtype}, and its space"
                 f" is {space}"
             )
-    check_numbers(f"observation `{name}`", seen, channel)
+    # Of an image of whole numbers every value is sound.
+    if "range" in channel or channel["dtype"] == "f32":
+        check_numbers(f"observation `{name}`", seen, channel)
 
 
 def check_numbers(what: str, value: Any, channel: Mapping[str, Any]) -> None:
@@ -186,10 +197,11 @@ def _remedy(space: spaces.Space) -> str:
     return "make numbers of it in a wrapper of your own (gymnasium.ObservationWrapper)"
 
 
-def _channel(name: str, space: spaces.Space) -> dict[str, Any]:
+def _channel(name: str, key: str | None, space: spaces.Space) -> dict[str, Any]:
     if space.shape is not None and 0 in space.shape:
         raise Refused(f"the environment's observation `{name}` has the shape {space.shape}, which holds no number")
     channel: dict[str, Any] = {"name": name, "role": "observation", "doc": f"Observation: {space}."}
+    channel |= {} if key is None else {"key": key}
     if isinstance(space, spaces.Discrete):
         return channel | {"dtype": "i32", "range": [float(space.start), float(space.start + space.n - 1)]}
     if isinstance(space, spaces.MultiBinary):

@@ -10,9 +10,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from stillroom import fault
-from stillroom.description import Described, Refused, check_numbers, check_seen, way_of
+from stillroom.description import Described, Refused, way_of
 from stillroom.masks import MASK, sample
+from stillroom.trial import Tried
 
 # Of the episode that is played twice, and of another one between.
 STEPS = 40
@@ -23,26 +23,9 @@ STEPS_BEFORE = 20
 
 def try_out(described: Described, env: Any, declared: Sequence[dict[str, Any]]) -> None:
     """Refuses what a run would refuse at an episode's start or first step. `declared`: channels that the user adds."""
-    observation, info = env.reset(seed=0)
-    check_seen(described, observation)
-    stepped = env.step(_chance(env, 0)(_seen(observation, info)))
-    if not (isinstance(stepped, tuple) and len(stepped) == 5):
-        many = f"{len(stepped)} value{'s' * (len(stepped) != 1)}" if isinstance(stepped, tuple) else _kind(stepped)
-        raise Refused(f"step() returned {many}: observation, reward, terminated, truncated, info are needed")
-    observation, reward, _, _, info = stepped
-    check_seen(described, observation)
-    by_name = {channel["name"]: channel for channel in declared if channel["role"] != "observation"}
-    if reward is None:
-        raise Refused("step()'s reward is None")
-    check_numbers("reward", reward, by_name.pop("reward", {}))
-    for name in by_name.keys() - {channel["name"] for channel in described.description["channels"]}:
-        if info.get(name) is None:
-            raise Refused(f"info of the environment's step() has no `{name}`, which the declaration names")
-        check_numbers(f"`{name}` in info", info.get(name), by_name[name])
-
-
-def _kind(value: Any) -> str:
-    return "None" if value is None else fault.a(type(value).__name__)
+    tried = env if isinstance(env, Tried) else Tried(env, described, declared)
+    observation, info = tried.reset(seed=0)
+    tried.step(_chance(env, 0)(_seen(observation, info)))
 
 
 def prove(env: gymnasium.Env, make: Callable[[], gymnasium.Env]) -> None:

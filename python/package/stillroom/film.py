@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stillroom.description import Refused
+from stillroom.fault import told
 
 # How much longer the last picture is shown, seconds.
 LAST_S = 2.0
@@ -27,8 +28,8 @@ class Camera(gymnasium.Wrapper):
         super().__init__(env)
         if env.render_mode != "rgb_array":
             raise Refused(
-                f"it was made with render_mode {env.render_mode!r}, and films need 'rgb_array': give the function that"
-                " makes it a parameter `render_mode`"
+                f"the environment's render_mode is {env.render_mode!r}, and films need 'rgb_array': give the function"
+                " that makes it a parameter `render_mode`"
             )
         self.pictures: list[NDArray[np.uint8]] = []
         self.problem: str | None = None
@@ -58,7 +59,7 @@ class Camera(gymnasium.Wrapper):
             picture = np.asarray(self.env.render())
         except Exception as error:
             traceback.print_exc()
-            self.problem = f"step {step}: its render() raised {type(error).__name__}: {error}"
+            self.problem = f"step {step}: its render() raised {told(error)}"
             return
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
             returned = f"{picture.dtype} {picture.shape}"

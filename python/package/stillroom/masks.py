@@ -18,10 +18,7 @@ MASK = "action_mask"
 
 def add_mask(described: Described, env: gymnasium.Env) -> None:
     """Declares the mask that is in the `info` of an episode's start, if one is."""
-    begun = env.reset(seed=0)
-    if not (isinstance(begun, tuple) and len(begun) == 2):
-        raise Refused("reset() returned no observation with an info")
-    info = begun[1]
+    _, info = env.reset(seed=0)
     mask, options = info.get(MASK), sum(_counts(env.action_space))
     if mask is None or options == 0:
         return

@@ -15,6 +15,7 @@ import inspect
 import json
 import os
 import re
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -26,11 +27,12 @@ import gymnasium
 from stillroom import fault
 from stillroom._stillroom import BUILD, Actor, Replay, hold_lifeline
 from stillroom.columns import Among, Vector, check_sizes, halves, takes_size
-from stillroom.description import Refused, describe
+from stillroom.description import Described, Refused, describe
 from stillroom.determinism import prove, try_out
 from stillroom.film import Camera, write
 from stillroom.masks import add_mask
 from stillroom.pools import PoolEnv
+from stillroom.trial import Report, Tried, no_report
 
 MakeEnv = Callable[..., gymnasium.Env | gymnasium.vector.VectorEnv]
 
@@ -160,12 +162,14 @@ def _run(
     if arguments.build:
         print(BUILD, file=answer, flush=True)
         raise SystemExit(0)
+    if arguments.describe:
+        _say_where(arguments.lifeline)
     try:
         make_env, name = found()
         if arguments.describe:
-            # What crashes says where.
-            faulthandler.enable()
-            print(json.dumps(_described(make_env, name, arguments.declared)), file=answer, flush=True)
+            # The orchestrator that holds the lifeline reads what is tried, line by line, before the answer.
+            report = _reporting(answer) if arguments.lifeline else no_report
+            print(json.dumps(_described(make_env, name, arguments.declared, report)), file=answer, flush=True)
             raise SystemExit(0)
         if arguments.replay:
             _replay(make_env, _task_name(name), asked, answer)
@@ -188,31 +192,59 @@ def _run(
     raise SystemExit(1)
 
 
-def _described(make_env: MakeEnv, name: str, declared: list[dict[str, Any]]) -> dict[str, Any]:
+def _say_where(lifeline: bool) -> None:
+    """What crashes says where; what hangs, when the orchestrator sends SIGUSR1."""
+    faulthandler.enable()
+    if not lifeline:
+        return
+    faulthandler.register(signal.SIGUSR1, all_threads=False)
+    # The lifeline ignores them, and so would processes that the environment starts and ends.
+    for request in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(request, signal.SIG_DFL)
+
+
+def _reporting(answer: TextIO) -> Report:
+    def report(call: str, place: str) -> None:
+        print(json.dumps({"call": call, "place": place}), file=answer, flush=True)
+
+    return report
+
+
+def _described(
+    make_env: MakeEnv, name: str, declared: list[dict[str, Any]], report: Report = no_report
+) -> dict[str, Any]:
     """What an environment says of itself, which has been tried out."""
     one: Any
     proven: Any
+
+    def made(size: int) -> Any:
+        report("", "it is being made")
+        return _made(make_env, size)
+
+    def tried(env: Any, described: Described | None = None) -> Any:
+        return Tried(env, described, declared, report)
+
     try:
-        env = _made(make_env, 2)
+        env = made(2)
         vector = env if isinstance(env, Vector) else None
         one, proven = (vector.columns[0], Among(vector)) if vector else (env, env)
-        described = describe(one, _task_name(name))
-        add_mask(described, one)
-        try_out(described, proven, declared)
-        prove(proven, lambda: _made(make_env, 1))
+        described = describe(tried(one), _task_name(name))
+        add_mask(described, tried(one))
+        try_out(described, tried(proven, described), declared)
+        prove(tried(proven, described), lambda: tried(made(1), described))
     except SystemExit as ended:
         raise Refused(fault.exited(ended)) from ended
+    report("", "its process ends")
     # Of vectors that have a size, an actor has two.
-    size = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}
-    return described.description | size
+    more: dict[str, Any] = {"environments": 2 * len(vector)} if vector and not takes_size(make_env) else {}
+    return described.description | more | ({"warnings": described.warnings} if described.warnings else {})
 
 
 def _replay(make_env: MakeEnv, name: str, asked: TextIO, answer: TextIO) -> None:
     """Simulates recorded episodes again, and films them if that is asked for."""
     setup = next(asked)
     images = json.loads(setup)["images"]
-    has_mode = "render_mode" in inspect.signature(make_env).parameters
-    made = _made(make_env, 1, **({"render_mode": "rgb_array"} if images and has_mode else {}))
+    made = _made(make_env, 1, **({"render_mode": "rgb_array"} if images and _takes_mode(make_env) else {}))
     one, vectors = (made.columns[0], [made]) if isinstance(made, Vector) else (made, [])
     if images and vectors:
         raise Refused("the environment is a vector, of which no film is made: --check replays its episodes")
@@ -230,6 +262,12 @@ def _replay(make_env: MakeEnv, name: str, asked: TextIO, answer: TextIO) -> None
             told["images"] = write(images, film, camera.pictures, one.metadata.get("render_fps") or 30)
             verdict = json.dumps(told)
         print(verdict, file=answer, flush=True)
+
+
+def _takes_mode(make_env: MakeEnv) -> bool:
+    """Whether `make_env` can be called with a `render_mode`."""
+    parameters = inspect.signature(make_env).parameters
+    return "render_mode" in parameters or any(one.kind is one.VAR_KEYWORD for one in parameters.values())
 
 
 def _made_for_actor(make_env: MakeEnv, environments: int) -> tuple[list[Any], list[Vector]]:

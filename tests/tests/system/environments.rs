@@ -5,9 +5,13 @@
 
 use proto::run_folder::RunFolder;
 use proto::task::{Role, Spec};
+use rustix::process::Signal;
 use std::path::Path;
 use std::process::Command;
-use system_tests::{Browser, Printed, TINY, Viewer, Workshop, complete, finish, kill, kill_child, start, wait_until};
+use std::time::Duration;
+use system_tests::{
+    Browser, Printed, TINY, Viewer, Workshop, complete, finish, kill, kill_child, signal, start, wait_for, wait_until,
+};
 use toml::{Table, Value};
 
 const ACTORS: u32 = 2;
@@ -135,7 +139,12 @@ fn a_kitchen_that_python_serves_ends_in_the_weights_of_built_in_actors_killed_or
     workshop.run("killed").assert_nothing_left();
     for run in ["served", "killed"] {
         place.assert_replays(run);
-        place.orchestrator(&["replay", run]).refused("films need 'rgb_array'");
+        let filmed = place.orchestrator(&["replay", run]);
+        filmed.refused("films need 'rgb_array'");
+        assert!(
+            filmed.stderr.matches("rgb_array").count() == 1 && !filmed.stderr.contains("exit status"),
+            "{filmed:#?}"
+        );
     }
 }
 
@@ -341,7 +350,8 @@ fn every_failure_is_one_sentence_and_costs_nothing() {
         ("nan", "its goal_m[0] is not finite"),
         ("reward", "its reward is not finite"),
         ("key", "it gives no `goal_m`"),
-        ("tuple", "step() returned 2 values: observation, reward, terminated, truncated, info are needed"),
+        ("tuple", "step() returned 2 values, not (observation, reward, terminated, truncated, info)"),
+        ("end", "step()'s `terminated` is a str, not a bool"),
         ("none", "step()'s reward is None, not a number of type float32"),
         ("exit", "step() called sys.exit(enough)"),
         ("os_exit", "exit status 3, its last call was in environment"),
@@ -443,6 +453,54 @@ fn an_environment_that_cannot_take_part_is_refused_before_a_run_begins() {
     assert!(said.lines().count() < 4, "{said}");
     let said = refused(&["--python", python, "--env", "gymnasium:CartPole-v1", "--env-kwargs", "[1"]);
     assert!(said.contains("--env-kwargs is no JSON"), "{said}");
+}
+
+/// While it is imported, and in a step: Ctrl-C, a request to end, and a kill, which says nothing.
+#[test]
+#[ignore = "needs a Python with the package: make test-python"]
+fn a_trial_that_is_interrupted_leaves_no_process_and_says_that_nothing_was_begun() {
+    let place = place();
+    let workshop = &place.workshop;
+    let hangs = "open(PLACE, 'w').write(str(os.getpid()))\nINDENTtime.sleep(1000)\n";
+    let text = std::fs::read_to_string(source("faulty.py")).expect("a file beside this one");
+    for (at, hang) in [("import", hangs.replace("INDENT", "")), ("step", hangs.replace("INDENT", "        "))] {
+        for ended in [Signal::INT, Signal::TERM, Signal::KILL] {
+            let marker = workshop.path(&format!("{at}-{}", ended.as_raw()));
+            let hang = hang.replace("PLACE", &format!("{:?}", marker.display().to_string()));
+            let hanging = match at {
+                "import" => format!("import os, time\n{hang}"),
+                _ => text.replace("        terminated = self._step == 9\n", &format!("        {hang}")),
+            };
+            std::fs::write(workshop.path("mine.py"), hanging).expect("a writable folder");
+            let arguments = ["up", "--run", "run", "--env", "./mine.py:make_env", "--python", &place.python];
+            let child = start(place.user(workshop.orchestrator(&arguments)));
+            let pid = wait_for("it hangs", || std::fs::read_to_string(&marker).ok()?.parse::<u32>().ok());
+            // It is said what it does, every five seconds.
+            std::thread::sleep(Duration::from_secs(if at == "import" { 3 } else { 6 }));
+            signal(child.id(), ended);
+            let printed = finish(child);
+            assert!(!printed.success && !workshop.path("run").exists(), "{printed:#?}");
+            if ended != Signal::KILL {
+                printed.refused("interrupted while the environment was tried: nothing was begun");
+            }
+            let doing = if at == "import" { "it is being imported, " } else { "step 1 of the episode with seed 0, " };
+            assert!(printed.stderr.contains(&format!("trying the environment: {doing}")), "{printed:#?}");
+            let stat = || std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+            wait_until("it is gone", || stat().is_empty() || stat().contains(") Z "));
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs a Python with the package: make test-python"]
+fn a_step_of_the_trial_that_hangs_is_said_with_its_place() {
+    let place = place();
+    let kwargs = serde_json::json!({ "fault": "hang", "marker": "trial" }).to_string();
+    let env = source("faulty.py:make_env");
+    let arguments = ["up", "--run", "run", "--env", &env, "--env-kwargs", &kwargs, "--python", &place.python];
+    let printed = place.orchestrator(&[&arguments[..], &["--set", "learner.actor_deadline_s=2"]].concat());
+    printed.refused("the environment's step() has not returned for 2 s (last call: step 6 of the episode with seed 1)");
+    assert!(printed.stderr.contains(", and is in step() (") && printed.stderr.contains("faulty.py:"), "{printed:#?}");
 }
 
 #[test]

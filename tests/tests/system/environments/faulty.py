@@ -1,5 +1,6 @@
 """An environment that does one thing wrong once, in the sixth step of an episode: `fault` says what. The file `marker` is
-made just before, and where it is there already nothing is wrong; `always` is no file, and everything is wrong."""
+made just before, and where it is there already nothing is wrong; `always` is no file, and everything is wrong. `trial`
+is none either: the trial before a run goes wrong."""
 
 import os
 import subprocess
@@ -62,6 +63,8 @@ class Faulty(gymnasium.Env):
                     del seen["goal_m"]
                 case "tuple":
                     return seen, reward
+                case "end":
+                    terminated = "yes"
                 case "exit":
                     sys.exit("enough")
                 case "os_exit" | "child":
@@ -76,7 +79,7 @@ class Faulty(gymnasium.Env):
 
     def _is_time(self):
         if "--describe" in sys.argv:
-            return False
+            return self._marker == "trial"
         if self._marker == "always":
             return True
         try:
