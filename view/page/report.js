@@ -109,7 +109,7 @@ class Page {
       const { figures: trained } = group.stages.findLast((stage) => Object.keys(stage.figures).length) ?? { figures: {} };
       const of = (one) => {
         const { point, interval, isWilsons } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
-        if (interval) ways.add(isWilsons ? "of one seed Wilson's, over its episodes" : "of several bootstrapped, over seeds and kitchens");
+        if (interval) ways.add(isWilsons ? "of one seed Wilson's, over its episodes" : "of several seeds from a bootstrap");
         return point === undefined ? null : entry(heading(one), shown(one, point), interval && range(one, interval));
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
@@ -351,7 +351,7 @@ class Page {
       const { precision, recall, recall_of_quiet: quiet, hits, misses, false_alarms: alarms, quiet: right } = result.pooled.prediction;
       return [group.label, fieldName(result.field), percent(precision), percent(recall), percent(quiet), count(hits + misses + alarms + right)];
     });
-    if (!rows.length) return this.none(`Prediction of the label: ${predicting.length ? `no evaluation has ${FEW} episodes, and steps that have the label or are foretold to` : "no evaluated policy has the auxiliary task that predicts it"}.`);
+    if (!rows.length) return this.none(`Prediction of the label: ${predicting.length ? `no evaluation has ${FEW} episodes, steps with the label, and steps foretold to have it` : "no evaluated policy has the auxiliary task that predicts it"}.`);
     return section("prediction", "Prediction of the label", table([this.group, "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
       says("The label is a yes or no of each step, such as whether it disturbs. Of the steps foretold to have it, those that did (precision); of the steps that did, those foretold (recall)."));
   }
