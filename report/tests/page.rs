@@ -95,7 +95,10 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
 fn of_one_seed_nothing_is_said_of_seeds_and_each_stage_has_its_figures() {
     let Some(mut browser) = Browser::start() else { return };
     let mut alone = run("disturb-two-stage", 1, (0.8, 0.5));
-    let figures = |success: f64| [("success".to_owned(), success), ("disturbance_m".to_owned(), 0.03)].into();
+    let figures = |success: f64| {
+        let named = |(name, mean): (&str, f64)| (name.to_owned(), mean);
+        [("success", success), ("disturbance_m", 0.03), ("episode/return", 8.11)].map(named).into()
+    };
     alone.stages = vec![figures(0.25), figures(0.6)];
     let report = Report::of(&[alone], &Options::default(), Vec::new()).expect("a sound run");
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -110,6 +113,16 @@ fn of_one_seed_nothing_is_said_of_seeds_and_each_stage_has_its_figures() {
     for said in ["training, stage", "25.0%", "60.0%"] {
         assert!(card.as_str().is_some_and(|card| card.contains(said)), "{said}: {card}");
     }
+    // An interval has a line of its own beneath its figure, and is explained below.
+    let figure = browser.value("document.querySelector('.report .figures dd').innerText.split('\\n').length");
+    assert_eq!(figure, 2);
+    assert!(card.as_str().is_some_and(|card| !card.contains("Wilson")), "{card}");
+    assert_eq!(browser.value("document.querySelector('.report .grid + p').innerText.includes(\"Wilson's\")"), true);
+    // All say one and the same return.
+    let shown = "document.querySelector('[data-figure=\"episode/return\"] output').textContent";
+    assert_eq!(browser.value(shown), "8.11 · newest tenth");
+    browser.resize(400, 800);
+    assert_eq!(browser.value("document.documentElement.scrollWidth <= innerWidth"), true);
     assert_eq!(browser.value("document.querySelector('#differences')"), Value::Null);
     let results = browser.value(&of("#results"));
     let results = results.as_str().expect("text");

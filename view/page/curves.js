@@ -6,13 +6,13 @@ import { count, figure, number, short } from "./format.js";
 
 /** Figure, title, options, and the metric that it is the mean of: those of the task, and what every task has. */
 const measures = (metrics) => [
-  ...metrics.map((metric) => [`episode/${metric.name}`, metric.unit ? `${metric.label}, ${metric.unit}` : metric.label, metric.kind === "share" ? { share: true } : { zero: true, format: (value) => figure(metric, value) }, metric]),
+  ...metrics.map((metric) => [`episode/${metric.name}`, metric.unit ? `${metric.label} (${metric.unit})` : metric.label, metric.kind === "share" ? { share: true } : { zero: true, format: (value) => figure(metric, value) }, metric]),
   ["episode/return", "Return", { format: (value) => number(value) }],
   ["time/frames_per_second", "Frames/s", { zero: true, format: (value) => count(value) }],
 ];
 const MORE = [
-  ["episode/length", "Length, steps", { zero: true }],
-  ["policy/entropy", "Entropy, nats", {}],
+  ["episode/length", "Length (steps)", { zero: true }],
+  ["policy/entropy", "Entropy (nats)", {}],
   ["policy/approximate_kl", "Approximate KL", {}],
   ["policy/clip_fraction", "Clipped", { share: true }],
   ["loss/value", "Value loss", {}],
@@ -25,7 +25,7 @@ const MORE = [
   ["auxiliary/recall_disturb", "Recall of steps with the label", { share: true }],
   ["auxiliary/recall_no_disturb", "Recall of steps without it", { share: true }],
   ["auxiliary/label_rate", "Steps with the label", { share: true }],
-  ["time/elapsed_s", "Time trained, hours", { zero: true, per: 3600 }],
+  ["time/elapsed_s", "Time trained (hours)", { zero: true, per: 3600 }],
 ];
 
 /** Names beside their colours; a click hides one, or shows it again. */
@@ -40,7 +40,7 @@ export function legend(names, hidden, changed) {
 
 export class Curves {
   /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, the
-   * budget in frames, and the means over the newest tenth of the newest stage by metric, and `of(figure, axis)`, which is
+   * budget in frames, and the means over the newest tenth of the newest stage by metric, that of the return by its figure, and `of(figure, axis)`, which is
    * the columns x, y, stage, and perhaps frames, low and high. `most`: where the axes of shares end. */
   constructor(sources, { axes = ["frames", "time"], key = "curves", most, hidden = new Set(), signal } = {}) {
     Object.assign(this, { sources, most, hidden, signal, charts: new Map() });
@@ -86,7 +86,7 @@ export class Curves {
       const marks = [...begins.values()].flatMap(({ stages, index }) => stages.slice(1).map(([label, x]) => (begins.size > 1 ? { label, x, colour: look(index).colour } : { label: `stage ${label}`, x })));
       const first = this.sources[all[0].index];
       chart.show({
-        series, smoothed: weight > 0, newest: all.length === 1 ? first.newest?.[metric?.name] : undefined, most: metric?.kind === "share" ? most : undefined,
+        series, smoothed: weight > 0, newest: all.length === 1 ? first.newest?.[metric?.name ?? name] : undefined, most: metric?.kind === "share" ? most : undefined,
         marks: axis === "frames" ? marks : [],
         levels: metric && metric.name in (first.paper ?? {}) ? [{ y: first.paper[metric.name], label: "the paper's level" }] : [],
       });

@@ -126,7 +126,7 @@ function short(runs) {
 /** How two episodes of one task differ, in words. */
 function difference(stages) {
   const { successes, channels } = stages[0].episode.task;
-  const [a, b] = stages.map(({ name, last, episode: { outcome: ended, moments } }) => ({ name, last, moments, ended: outcome(ended), rank: successes.includes(ended) ? successes.indexOf(ended) : successes.length }));
+  const [a, b] = stages.map(({ name, last, episode: { outcome: ended, moments } }) => ({ name, last, moments, ended: outcome(ended, successes), rank: successes.includes(ended) ? successes.indexOf(ended) : successes.length }));
   const better = b.rank < a.rank ? [b, a] : [a, b];
   const ends = a.rank === b.rank ? `Both end alike: ${a.ended}.` : `${better[0].name} ends better: ${better[0].ended}. ${better[1].name}: ${better[1].ended}.`;
   const channel = channels.find(({ name }) => name === limit(stages[0].episode.task)?.channel);

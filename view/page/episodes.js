@@ -1,7 +1,7 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
 import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
-import { count, number, outcome, reached, kitchenName, words } from "./format.js";
+import { count, headed, number, outcome, reached, kitchenName } from "./format.js";
 import { paintEnd } from "./stage.js";
 
 // What every task's episodes have.
@@ -68,7 +68,7 @@ export async function showEpisodes(root, run, query, signal) {
       select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("recorded", "recording"),
       h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most"))),
       h("label", {}, whole, "all columns")),
-    h("div", { class: "card scroll" }, h("table", { class: "episodes" }, h("thead", {}, head), body)),
+    h("div", { class: "card scroll" }, h("table", { class: "fold sorted episodes" }, h("thead", {}, head), body)),
     h("div", { class: "row" }, back, on));
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
 
@@ -81,16 +81,19 @@ export async function showEpisodes(root, run, query, signal) {
     const address = each.key && !elsewhere && `#/run/${encoded}/episode/${each.key}`;
     const places = [elsewhere ? null : kitchenName(each.kitchen, card.scenes).replace("kitchen ", ""), each.environment];
     const where = places.filter((place) => place !== null).join(" / ");
+    const ended = outcome(each.outcome, successes);
+    const place = `${elsewhere ? "environment" : "kitchen"} ${where}`;
+    const called = `${[`episode ${count(each.episode)}`, each.target, place].filter(Boolean).join(", ")}: ${ended}`;
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
-      pictured(page) ? h("td", {}, each.key ? picture(each.key, address) : null) : null,
+      pictured(page) ? h("td", { class: "end" }, each.key ? picture(each.key, address) : null) : null,
       h("td", { class: "optional" }, where),
-      h("td", { class: "number" }, address ? h("a", { href: address }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
-      targets.length ? h("td", {}, each.target ?? "") : null,
-      h("td", { class: kind(each.outcome, successes) }, outcome(each.outcome),
+      h("td", { class: "number", "data-head": "Episode" }, address ? h("a", { href: address, "aria-label": called }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
+      targets.length ? h("td", { "data-head": "Target" }, each.target ?? "") : null,
+      h("td", { class: `ended ${kind(each.outcome, successes)}` }, ended,
         // On a narrow screen in the place of their columns.
-        h("div", { class: "narrow faint small" }, `${elsewhere ? "environment" : "kitchen"} ${where}, ${each.length} ${each.length === 1 ? "step" : "steps"}`)),
+        h("div", { class: "narrow faint small" }, `${place}, ${each.length} ${each.length === 1 ? "step" : "steps"}`)),
       h("td", { class: "number optional" }, String(each.length)),
-      columns.map((column) => h("td", { class: "number" }, figure(each.figures[column.name], column))));
+      columns.map((column) => h("td", { class: "number", "data-head": headed(column.name) }, figure(each.figures[column.name], column))));
   };
   let shown = "", latest = 0, card = null;
   async function load() {
@@ -116,14 +119,14 @@ export async function showEpisodes(root, run, query, signal) {
       options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
       options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
       const { successes } = page;
-      const outcomes = [...successes, successes.length ? "failure" : "ended", "time-limit"].map((word) => [word, outcome(word)]);
+      const outcomes = [...successes, successes.length ? "failure" : "ended", "time-limit"].map((word) => [word, outcome(word, successes)]);
       const any = successes.length ? [["any-success", "any success"], ["any-failure", "any failure"]] : [];
       options("outcome", [["", "any"], ...any, ...outcomes]);
       // What the run's other tables have; the outcome says which successes there are.
       const main = ({ name, is_share: share }) => card.metrics.some((metric) => metric.name === name) && !(share && successes.length);
       const columns = page.columns.filter((column) => whole.checked || main(column) || column.name === asked.sort);
-      const figures = columns.map(({ name, doc }) => [words(name), name, "number", doc]);
-      options("range", [["length", "steps"], ...page.columns.map(({ name }) => [name, words(name)])]);
+      const figures = columns.map(({ name, doc }) => [headed(name), name, "number", doc]);
+      options("range", [["length", "steps"], ...page.columns.map(({ name }) => [name, headed(name)])]);
       const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => name !== "target" || page.targets.length);
       const names = [...first, ...figures].map(([, name]) => name).join();
       if (heads.map((one) => one.dataset.column).join() !== names) {

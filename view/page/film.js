@@ -11,10 +11,10 @@ const LINE = 24;
 const VIEW = 128;
 
 /** What the line beneath a picture says: which episode, which step, and at its end how it ended. */
-export function caption({ key, last, place: where, episode: { target, outcome: ended } }, step) {
+export function caption({ key, last, place: where, episode: { target, outcome: ended, task } }, step) {
   const [kitchen, , number] = key.split("-");
   const at = Math.min(step, last);
-  return [`${where ?? kitchenName(kitchen)}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended) : null].filter(Boolean).join(" · ");
+  return [`${where ?? kitchenName(kitchen)}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended, task?.successes) : null].filter(Boolean).join(" · ");
 }
 
 /** Kinds of films that this browser can make: name, ending, what its recorder is told. */

@@ -8,7 +8,8 @@ export const percent = (share, digits = 1) => (known(share) ? `${(100 * share).t
 /** A share as a percentage that is never more than there is. */
 export const reached = (share) => percent(Math.floor(100 * share) / 100, 0);
 export const metres = (value, digits = 3) => (known(value) ? `${value.toFixed(digits)} m` : missing);
-export const number = (value, digits = 2) => (known(value) ? value.toFixed(digits) : missing);
+/** Never "-0.00". */
+export const number = (value, digits = 2) => (known(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, "") : missing);
 /** A metric's mean: a share as a percentage, a value with its unit. */
 export const figure = ({ kind, unit }, value, digits) => (kind === "share" ? percent(value, digits) : known(value) && unit ? `${value.toFixed(3)} ${unit}` : number(value, 3));
 export const signed = (value, digits = 3) => (known(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)}` : missing);
@@ -49,11 +50,19 @@ export const bytes = (value) => (known(value) ? (value >= 2 ** 30 ? `${(value / 
 /** What a kitchen is called, or a scene of the run's own: those are numbered from 128 on. */
 export const kitchenName = (kitchen, scenes = []) => scenes[kitchen - 128] ?? `kitchen ${kitchen}`;
 
-/** An outcome in words: "time-limit" is "time limit". */
-export const outcome = (word) => (word === "unfinished" ? "goes on" : word.replaceAll("-", " "));
+/** An outcome in words: "time-limit" is "time limit". `successes`: those of the task, the best first; "success" beside
+ * "success-without-disturbance" is "success with disturbance". */
+export function outcome(word, successes = []) {
+  const [better, lacking] = successes[0]?.split("-without-") ?? [];
+  if (lacking && word === better) return `${word} with ${lacking}`.replaceAll("-", " ");
+  return word === "unfinished" ? "goes on" : word.replaceAll("-", " ");
+}
 
 /** A name of the task's in words, without its unit: "wrist_object_m" is "wrist object". */
 export const words = (name, unit = "") => (unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ");
+
+/** A name of the task's as a heading has it: "wrist_object_m" is "wrist object (m)". */
+export const headed = (name) => words(name).replace(/ (m|s|rad)$/, " ($1)");
 
 /** Numbers of a channel as people read them. */
 export function quantity({ name, unit, names, dtype }, numbers, named = true) {

@@ -58,7 +58,7 @@ export async function showList(root, query, signal) {
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside)),
     h("div", { class: "card scroll" },
-      h("table", { class: "fold runs" }, head, body), empty));
+      h("table", { class: "fold sorted runs" }, head, body), empty));
 
   const heading = ({ suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
     h("b", {}, `suite ${suite}`), `: ${counts}`, report && h("div", { class: "faint small" }, `report: ${report}`)));

@@ -11,6 +11,8 @@ function fieldName(key) {
   return key.split("-").map((word) => words[word] ?? word).join(", ");
 }
 
+/** Fewer episodes than this say nothing of what a policy does when, nor of what it foretells. */
+const FEW = 50;
 const SHARE = { kind: "share" };
 /** A figure that `one` describes, as people read it; the unit stands in its heading. */
 const shown = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { steps: 1 }[unit] ?? 3));
@@ -23,7 +25,7 @@ const estimate = (one, { point, interval }) => over(shown(one, point), interval 
 /** A metric's mean in a result; of a share of one seed, or of seeds that all agree, Wilson's interval over the episodes. */
 function meanOf({ metrics, rates }, { name }) {
   const { mean } = metrics[name];
-  return { ...mean, interval: mean.interval ?? rates[name]?.interval, method: mean.interval ? "95%" : "95%, Wilson's" };
+  return { ...mean, interval: mean.interval ?? rates[name]?.interval, isWilsons: !mean.interval };
 }
 
 /** A table. `heads`: names; those that begin with # are of numbers. `rows`: cells, and perhaps a class. */
@@ -97,15 +99,18 @@ class Page {
 
   /** What the first thing to know is: of each group in its first field. */
   headline() {
-    const entry = (name, value, more) => h("div", {}, h("dt", {}, name), h("dd", {}, value, more ? h("small", {}, " ", more) : null));
+    const entry = (name, value, below) => h("div", {}, h("dt", {}, name), h("dd", {}, over(value, below)));
+    // How the intervals beneath figures were made.
+    const ways = new Set();
     const cards = this.report.groups.slice(0, 6).map((group, index) => {
       const [result] = group.results;
       const frames = Math.max(...group.runs.map((run) => run.frames));
       // Of a run that was not evaluated what its newest training episodes came to.
       const { figures: trained } = group.stages.findLast((stage) => Object.keys(stage.figures).length) ?? { figures: {} };
       const of = (one) => {
-        const { point, interval, method } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
-        return point === undefined ? null : entry(heading(one), shown(one, point), interval && `${method}: ${range(one, interval)}`);
+        const { point, interval, isWilsons } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
+        if (interval) ways.add(isWilsons ? "of one seed Wilson's, over its episodes" : "of several seeds from a bootstrap");
+        return point === undefined ? null : entry(heading(one), shown(one, point), interval && range(one, interval));
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
@@ -113,7 +118,7 @@ class Page {
         this.trained(group),
         group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
-    return h("div", { class: "grid" }, cards);
+    return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null];
   }
 
   /** What the stages of a group came to in training, where it has several. */
@@ -340,22 +345,26 @@ class Page {
   }
 
   prediction() {
-    const counted = ({ result: { pooled: { prediction } } }) => prediction && prediction.hits + prediction.misses + prediction.false_alarms + prediction.quiet;
-    const rows = this.results.filter(counted).map(({ group, result }) => {
+    const predicting = this.results.filter(({ result: { pooled: { prediction: all } } }) => all && all.hits + all.misses + all.false_alarms + all.quiet);
+    const known = predicting.filter(({ result: { pooled: { episodes, prediction: { hits, misses, false_alarms: alarms } } } }) => episodes >= FEW && hits + alarms && hits + misses);
+    const rows = known.map(({ group, result }) => {
       const { precision, recall, recall_of_quiet: quiet, hits, misses, false_alarms: alarms, quiet: right } = result.pooled.prediction;
       return [group.label, fieldName(result.field), percent(precision), percent(recall), percent(quiet), count(hits + misses + alarms + right)];
     });
-    if (!rows.length) return this.none("Prediction of the label: no evaluated policy has the auxiliary task that predicts it.");
+    if (!rows.length) return this.none(`Prediction of the label: ${predicting.length ? `no evaluation has ${FEW} episodes, steps with the label, and steps foretold to have it` : "no evaluated policy has the auxiliary task that predicts it"}.`);
     return section("prediction", "Prediction of the label", table([this.group, "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
       says("The label is a yes or no of each step, such as whether it disturbs. Of the steps foretold to have it, those that did (precision); of the steps that did, those foretold (recall)."));
   }
 
   /** What a policy does when. */
   actions() {
-    const found = this.report.groups.filter(({ results }) => results[0]?.actions.actions.length);
-    if (!found.length) return null;
-    const chart = ({ label, results: [{ field, actions: { actions, counts_by_step: counts } }] }) => {
-      const totals = counts.map((all) => all.reduce((sum, one) => sum + one, 0));
+    const recorded = this.report.groups.filter(({ results }) => results[0]?.actions.actions.length);
+    const found = recorded.filter(({ results: [{ pooled }] }) => pooled.episodes >= FEW);
+    if (!found.length) return recorded.length ? this.none(`Actions by step: no evaluation has ${FEW} episodes.`) : null;
+    const chart = ({ label, results: [{ field, actions: { actions, counts_by_step: all } }] }) => {
+      const sums = all.map((one) => one.reduce((sum, each) => sum + each, 0));
+      // To the last step of the longest episode.
+      const [totals, counts] = [sums, all].map((some) => some.slice(0, sums.findLastIndex(Boolean) + 1));
       const share = (step, of) => (totals[step] ? counts[step][of] / totals[step] : null);
       const made = new Chart(`Actions, ${label}`, { rows: actions.map(action), xLabel: "step of the episode", height: 62 + 14 * actions.length });
       made.show({

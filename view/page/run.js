@@ -86,7 +86,7 @@ function kitchens(live, run) {
   const reading = live.indexed < READ ? h("p", { class: "small soft" }, `Of the recordings ${reached(live.indexed)} are read so far.`) : null;
   // Of the oldest episodes, as yet.
   if (live.indexed < 0.9) return [reading];
-  return [reading, h("div", { class: "scroll" }, h("table", { class: "tight meters" },
+  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight meters${metrics.length > 2 ? " many" : ""}` },
     h("thead", {}, h("tr", {}, ["Kitchen", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
@@ -189,7 +189,7 @@ class Depths {
     const canvas = h("canvas", { width: 224, height: 224, role: "img", "aria-label": `Depth, environment ${name}` });
     const caption = h("span", {}, this.called(name));
     const remove = h("button", { class: "small", "aria-label": `Remove environment ${name}`, onclick: () => this.choose(this.chosen.filter((each) => each !== name)) }, "×");
-    const link = h("a", { class: "draws" }, canvas);
+    const link = h("a", { class: "draws", "aria-label": `Newest episode of environment ${name}` }, canvas);
     const element = h("figure", {}, link, h("figcaption", {}, caption, remove));
     this.grid.append(element);
     return { element, canvas, caption, link, painter: new Painter(canvas), shown: "" };
@@ -245,10 +245,12 @@ class Thumbnails {
     const rows = pages.flatMap((page) => page.rows);
     this.element.hidden = !rows.length;
     const kind = (word) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : "bad");
-    const tiles = rows.map(({ key, target, outcome: ended, kitchen }) => {
-      const canvas = h("canvas", { class: "room", width: 320, height: 240, role: "img", "aria-label": `Episode ${key}: ${outcome(ended)}` });
-      const link = h("a", { class: "draws", href: `#/run/${run}/episode/${key}` }, canvas);
-      return { key, canvas, link, element: h("figure", {}, link, h("figcaption", { class: "lines" }, h("span", {}, target ?? `kitchen ${kitchen}`), h("span", { class: kind(ended) }, outcome(ended)))) };
+    const tiles = rows.map(({ key, target, outcome: word, kitchen, episode }) => {
+      const ended = outcome(word, successes);
+      const canvas = h("canvas", { class: "room", width: 320, height: 240, "aria-hidden": "true" });
+      const name = `${[target, `kitchen ${kitchen}`, `episode ${episode}`].filter(Boolean).join(", ")}: ${ended}`;
+      const link = h("a", { class: "draws", href: `#/run/${run}/episode/${key}`, "aria-label": name }, canvas);
+      return { key, canvas, link, element: h("figure", {}, link, h("figcaption", { class: "lines" }, h("span", {}, target ?? `kitchen ${kitchen}`), h("span", { class: kind(word) }, ended))) };
     });
     this.wait.remove();
     replace(this.grid, tiles.map(({ element }) => element));
@@ -321,7 +323,7 @@ export async function showRun(root, run, signal) {
     const [first, second] = [[kitchensCard], running ? [depths.element, parts.evaluations, parts.validation] : [parts.validation]];
     (isLong || !running ? second : first).push(timesCard, workersCard);
     if (!running) second.push(log);
-    const columns = h("div", { class: "grid" }, [first, second].map((column) => h("div", { class: "stack" }, column)));
+    const columns = h("div", { class: "grid halves" }, [first, second].map((column) => h("div", { class: "stack" }, column)));
     replace(root, head, notes, summary, running ? [curves.element, columns, log] : [thumbnails.element, curves.element, parts.evaluations, columns]);
   };
 

@@ -108,6 +108,7 @@ pub struct Stage {
     pub begins_at: u64,
     pub budget: u64,
     pub frames: u64,
+    /// Means over its newest tenth, by name; of the return, too.
     pub figures: BTreeMap<String, f64>,
 }
 

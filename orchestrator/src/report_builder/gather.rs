@@ -159,7 +159,7 @@ fn run(folder: &RunFolder, notes: &mut Vec<String>) -> Result<(String, Run)> {
     let means = by_stage(&config.stages, &history);
     let newest_tenth = |stage: &StageConfig| {
         let of_stage = means.iter().find(|means| means.name == stage.name);
-        of_stage.map(|means| means.last_tenth.figures.clone()).unwrap_or_default()
+        of_stage.map(|means| means.last_tenth.with_return()).unwrap_or_default()
     };
     let run = Run {
         name: path.display().to_string(),

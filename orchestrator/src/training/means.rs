@@ -24,6 +24,12 @@ pub(super) fn known<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTreeM
 }
 
 impl EpisodeMeans {
+    /// All that is known, by name; the return by that of its curve.
+    pub fn with_return(&self) -> BTreeMap<String, f64> {
+        let with_name = |mean_return| (metric::RETURN.to_owned(), mean_return);
+        self.figures.clone().into_iter().chain(self.mean_return.map(with_name)).collect()
+    }
+
     pub fn over<'a>(rollouts: &(impl Iterator<Item = &'a Trained> + Clone)) -> Self {
         let episodes = |trained: &Trained| trained.metrics.get(metric::EPISODES).unwrap_or(0.0);
         let mean = |name: &str| {

@@ -43,12 +43,17 @@ pub fn pieces(curves: &Curves, name: &str, places: usize) -> Vec<Piece> {
     pieces.filter(|piece| !piece.points.is_empty()).collect()
 }
 
-pub fn range<'a>(pieces: impl Iterator<Item = &'a Piece>) -> Option<[f64; 2]> {
+pub fn extremes<'a>(pieces: impl Iterator<Item = &'a Piece>) -> Option<[f64; 2]> {
     let values = pieces.flat_map(|piece| &piece.points).map(|(_, value)| *value).filter(|value| value.is_finite());
-    let range = values.fold(None, |range: Option<[f64; 2]>, value| {
+    values.fold(None, |range: Option<[f64; 2]>, value| {
         let [least, greatest] = range.unwrap_or([value, value]);
         Some([least.min(value), greatest.max(value)])
-    });
+    })
+}
+
+/// An axis for values between their extremes: one value has one, too.
+pub fn range<'a>(pieces: impl Iterator<Item = &'a Piece>) -> Option<[f64; 2]> {
+    let range = extremes(pieces);
     range.map(|[least, greatest]| if greatest > least { [least, greatest] } else { [least - 0.5, greatest + 0.5] })
 }
 

@@ -20,6 +20,11 @@ const CHART_LINES: [u16; 2] = [6, 16];
 const KITCHENS: u16 = 45;
 /// Lines that the panels need below the charts; where there are fewer, charts take them all.
 const PANEL_LINES: u16 = 4;
+/// Lines of the screen that a line of a log takes at most, as a rule.
+const LINE_FOLDS: usize = 5;
+/// Columns of a screen that has processes and log side by side, and of one that has the kitchens there, too.
+const TWO_COLUMNS: u16 = 70;
+const BESIDE: u16 = 116;
 
 pub fn draw(frame: &mut Frame, model: &Model) {
     let suite_lines = 2 * u16::from(model.suite.is_some());
@@ -34,9 +39,12 @@ pub fn draw(frame: &mut Frame, model: &Model) {
         return;
     };
     draw_head(frame, head, live);
+    if live.card.evaluation {
+        draw_evaluation(frame, body, model, live);
+        return;
+    }
     let charts = (body.height / 2).clamp(CHART_LINES[0], CHART_LINES[1]);
     let charts = if body.height < charts + PANEL_LINES { body.height } else { charts };
-    let charts = if live.card.evaluation { 0 } else { charts };
     let [upper, lower] = Layout::vertical([Constraint::Length(charts), Constraint::Min(0)]).areas(body);
     let shown = charts_shown(upper.width);
     if upper.height > 2 {
@@ -49,12 +57,37 @@ pub fn draw(frame: &mut Frame, model: &Model) {
     draw_panels(frame, lower, model, live);
 }
 
+/// An evaluation has no curves: its kitchens have their place where they do not fit beside the log. No box is much longer
+/// than what is in it.
+fn draw_evaluation(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
+    let kitchens = live.kitchens.len() + 3;
+    let above = area.width < BESIDE && has_own_kitchens(model, live) && area.height >= 3 * PANEL_LINES;
+    let above = if above { lines_of(kitchens).min(area.height / 2) } else { 0 };
+    let below = lines_of((live.workers.len() + 3).max(LINE_FOLDS * live.log.len() + 2).max(kitchens));
+    let below = if area.width < TWO_COLUMNS { area.height } else { below }.min(area.height - above);
+    let places = [Constraint::Length(above), Constraint::Length(below), Constraint::Min(0)];
+    let [upper, lower, _] = Layout::vertical(places).areas(area);
+    if above > 0 {
+        panels::kitchens(frame, upper, model, live);
+    }
+    draw_panels(frame, lower, model, live);
+}
+
+fn lines_of(rows: usize) -> u16 {
+    u16::try_from(rows).unwrap_or(u16::MAX)
+}
+
+/// Whether kitchens have a panel beside that of the log.
+fn has_own_kitchens(model: &Model, live: &Live) -> bool {
+    !live.kitchens.is_empty() && model.lines != Lines::Kitchens
+}
+
 fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     if area.height < 2 {
         return;
     }
-    let beside = area.width >= 116 && !live.kitchens.is_empty() && model.lines != Lines::Kitchens;
-    let widths = match (beside, area.width >= 70) {
+    let beside = area.width >= BESIDE && has_own_kitchens(model, live);
+    let widths = match (beside, area.width >= TWO_COLUMNS) {
         (true, _) => {
             vec![Constraint::Length(44), Constraint::Fill(1), Constraint::Length((area.width / 3).clamp(KITCHENS, 68))]
         }

@@ -1,4 +1,4 @@
-use super::curves::{Piece, pieces, range};
+use super::curves::{Piece, extremes, pieces, range};
 use super::model::{Lines, Model};
 use crate::output::format;
 use proto::metric;
@@ -33,8 +33,10 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     let (plain, plain_name) = if number == 0 { (metric::RETURN, "return") } else { (metric::LENGTH, "length") };
     let (first, second) = (curves.next().unwrap_or_else(|| of(plain)), curves.next().unwrap_or_default());
     let title = if charted.is_empty() {
-        // Whatever the width.
-        let newest = last(&pieces(&model.curves, plain, 200));
+        let stage = live.stage.and_then(|stage| live.stages.get(stage));
+        // Where there is no mean over the newest tenth the end of the curve, whatever the width.
+        let newest = stage.and_then(|stage| stage.figures.get(plain).copied());
+        let newest = newest.or_else(|| last(&pieces(&model.curves, plain, 200)));
         vec![Span::from(format!(" {plain_name} {} ", format::number(newest, 2)))]
     } else {
         let text = |metric: &Described, pieces: &[Piece]| {
@@ -46,7 +48,7 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
     };
     let is_share = charted.first().is_some_and(|metric| metric.is_share());
     let [least, greatest] = match number {
-        _ if is_share => range(first.iter().chain(&second)).map_or([0.0, 1.0], share_bounds),
+        _ if is_share => extremes(first.iter().chain(&second)).map_or([0.0, 1.0], share_bounds),
         1 | 2 => [0.0, range(first.iter()).map_or(1.0, |[_, greatest]| greatest.max(1e-3))],
         _ => range(first.iter()).unwrap_or([0.0, 1.0]),
     };
@@ -223,7 +225,12 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
         indexed => format!(" newest episodes, {:.0}% of recordings read ", 100.0 * indexed),
     };
     let table = Table::new(rows, (0..times).flat_map(|_| widths())).header(head).column_spacing(0);
-    frame.render_widget(table.block(Block::bordered().title(title)), area);
+    let left_out: Vec<&str> = live.card.metrics[metrics.len()..].iter().map(|metric| metric.label.as_str()).collect();
+    let mut block = Block::bordered().title(title);
+    if !left_out.is_empty() {
+        block = block.title_bottom(format!(" no room: {} ", left_out.join(", ")));
+    }
+    frame.render_widget(table.block(block), area);
 }
 
 #[cfg(test)]

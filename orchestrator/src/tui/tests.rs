@@ -102,6 +102,37 @@ fn every_size_is_drawn() {
 }
 
 #[test]
+fn a_return_is_that_of_the_newest_tenth_and_the_axis_of_no_success_is_short() {
+    let (_temporary, readers, name) = run(20);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    model.curves.series.insert("episode/success".to_owned(), vec![Some(0.0); 20]);
+    let shown = screen(&model, 120, 35).join("\n");
+    // Rollouts 18 and 19, of one and of three episodes.
+    assert!(shown.contains(" return 18.75 "), "{shown}");
+    assert!(shown.contains("│5%│") && !shown.contains("│50%│"), "{shown}");
+}
+
+#[test]
+fn an_evaluation_has_its_kitchens_and_no_long_empty_boxes() {
+    let (_temporary, readers, name) = run(3);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    let live = model.live.as_mut().unwrap();
+    live.card.evaluation = true;
+    live.workers.truncate(3);
+    let kitchen = |kitchen| Kitchen { kitchen, environments: vec![0], episodes: 72, figures: [].into() };
+    live.kitchens = (26..=30).map(kitchen).collect();
+    live.indexed = 1.0;
+    for columns in [60, 100, 120] {
+        let shown = screen(&model, columns, 30);
+        let text = shown.join("\n");
+        assert_eq!((26..=30).filter(|kitchen| text.contains(&format!("{kitchen}      72"))).count(), 5, "{text}");
+        assert!(columns < 70 || shown[24..29].iter().all(|line| line.trim().is_empty()), "{text}");
+    }
+}
+
+#[test]
 fn a_suite_has_two_lines_above_its_run() {
     let (_temporary, readers, name) = run(3);
     let mut model = Model::default();
@@ -199,6 +230,7 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     let known = counts(&usual);
     assert!(known > 8 && usual.contains(&format!("…{} more", 19 - known)), "{usual}");
     assert!(usual.contains("kitchen episodes SR     SRwoD  disturbance"), "{usual}");
+    assert!(usual.contains("└ no room: disturbance per success ─") && !wide.contains("no room"), "{usual}");
     assert!(
         usual.contains("restarts starts cores") && usual.contains("actor-01     –       2        3      –"),
         "{usual}"

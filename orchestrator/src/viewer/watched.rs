@@ -431,7 +431,7 @@ fn stages(config: &Config, history: &History) -> Vec<Stage> {
     let newest = by_stage(&config.stages, history);
     let mut begins_at = 0;
     let stages = config.stages.iter().map(|stage| {
-        let means = newest.iter().find(|means| means.name == stage.name).map(|means| means.last_tenth.figures.clone());
+        let means = newest.iter().find(|means| means.name == stage.name).map(|means| means.last_tenth.with_return());
         let shown = Stage {
             figures: config.spec().with_quotients(means.unwrap_or_default()),
             name: stage.name.clone(),

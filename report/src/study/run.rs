@@ -15,8 +15,8 @@ pub struct Run {
     pub origin: Origin,
     pub config: Config,
     pub rollouts: Vec<Rollout>,
-    /// Of each stage, means of the task's metrics over its newest tenth, by name: as the run itself shows them. Empty of
-    /// one that has not begun.
+    /// Of each stage, means of the task's metrics and of the return over its newest tenth, by name: as the run itself
+    /// shows them. Empty of one that has not begun.
     pub stages: Vec<BTreeMap<String, f64>>,
     pub evaluations: Vec<Evaluated>,
     pub validation: Vec<Validated>,

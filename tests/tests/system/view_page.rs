@@ -176,6 +176,9 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
         browser.wait_for("document.querySelector('th[data-column=length]').ariaSort === 'descending'");
     }
     keep(browser, "episodes");
+    let named = "[...document.querySelectorAll('table.episodes tr.link td.number a')].every(({ ariaLabel, textContent }) => \
+        ariaLabel.startsWith(`episode ${textContent}, `) && ariaLabel.includes('kitchen ') && ariaLabel.includes(': '))";
+    assert_eq!(browser.value(named), true, "links say which episode they open");
     browser.wait_for("Number(document.querySelector('table.episodes tbody tr td:nth-child(6)')?.textContent) > 5");
     browser.wait_for("document.querySelector('table.episodes canvas[data-step]')");
     let columns = "document.querySelectorAll('table.episodes thead th').length";
@@ -314,6 +317,9 @@ fn narrow_and_dark(browser: &mut Browser) {
             let folded = "[...document.querySelectorAll('.fold')].every((one) => one.scrollWidth <= one.parentElement.clientWidth)";
             assert_eq!(browser.value(folded), true, "no table of {page} is cut");
         }
+        let sorts = "['kitchen', 'length'].every((name) => \
+            document.querySelector(`th[data-column=${name}] button`).checkVisibility())";
+        assert_eq!(browser.value(sorts), true, "what has no column there sorts, too");
         keep(browser, &format!("narrow-{scheme}"));
         browser.resize(1280, 900);
         browser.value("location.hash = '#/run/watched'");
