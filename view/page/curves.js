@@ -28,6 +28,9 @@ const MORE = [
   ["time/elapsed_s", "Time trained (hours)", { zero: true, per: 3600 }],
 ];
 
+/** Whether two columns hold the same numbers. */
+const isSame = (one, other) => one?.length > 0 && one.length === other?.length && one.every((value, at) => value === other[at]);
+
 /** Names beside their colours; a click hides one, or shows it again. */
 export function legend(names, hidden, changed) {
   const swatch = (index) => {
@@ -66,6 +69,8 @@ export class Curves {
     let { most } = this;
     for (const [name, title, options, metric] of [...measures(metrics), ...(more ? MORE : [])]) {
       const scaled = (columns) => (options.per && columns.y ? { ...columns, ...Object.fromEntries(["y", "low", "high"].map((key) => [key, columns[key]?.map((value) => value / options.per)])) } : columns);
+      // The task's own figure is the return where it has no other.
+      if (name === "episode/return" && metrics.some((other) => this.sources.every((source) => isSame(source.of(`episode/${other.name}`, axis)?.y, source.of(name, axis)?.y)))) continue;
       const all = this.sources.map((source, index) => ({ source, index, ...scaled(source.of(name, axis)) })).filter(({ y, source }) => y?.length && !this.hidden.has(source.name));
       if (!all.length) continue;
       let chart = this.charts.get(name);

@@ -92,7 +92,10 @@ export function takeToken() {
 }
 
 /** The events of a path. Their request can have no header. */
-export const follow = (path) => new EventSource(`${path}?token=${token}`);
+export const follow = (path) => new EventSource(withToken(path));
+
+/** An address for what can send no header. */
+export const withToken = (path) => `${path}?token=${token}`;
 
 /** Resolves after a while, or when the page is left. */
 export const pause = (milliseconds, signal) => new Promise((resolve) => {

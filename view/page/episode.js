@@ -19,7 +19,7 @@ class Player {
     this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
     this.element = h("section", { class: "card", "aria-label": "Steps" },
       h("div", { class: "player" }, this.play, this.speed,
-        h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " step  ", h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"),
+        h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), h("span", { class: "steps" }, " step  "), h("span", { class: "turns" }, " turn the room  "), h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"),
         h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
@@ -80,7 +80,7 @@ class Player {
     const kind = this.kinds[this.kind.selectedIndex];
     try {
       const made = await film(this.stages, this.last, kind, Number(this.speed.value), this.signal, (done) => { this.film.textContent = `${percent(done, 0)} filmed`; });
-      hand(made, `${this.stages.map((stage) => `${stage.run}-${stage.key}`).join("-and-")}.${kind.ending}`);
+      hand(made, `${this.stages.map((stage) => `${stage.run}-${stage.called().replace(/, | /g, "-")}`).join("-and-")}.${kind.ending}`);
       say("The film is saved.");
     } catch (error) {
       if (this.signal.aborted) return;
@@ -102,10 +102,13 @@ const keep = (base) => {
   };
 };
 
-export async function showEpisode(root, run, key, query, signal) {
+/** `named`: told what the episode is called. */
+export async function showEpisode(root, run, key, query, signal, named) {
+  named(key);
   const opened = waiting("The kitchen is built, and the episode simulated again", signal);
   replace(root, opened.element);
   const stage = await Stage.open(run, key, signal, (why) => { opened.words.textContent = why; });
+  named(stage.called());
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },

@@ -1,4 +1,4 @@
-// A whole episode, or two side by side, as a film: drawn step by step from where the cameras are, and put together in the
+// A whole episode, or two one above the other, as a film: drawn step by step from where the cameras are, and put together in the
 // browser.
 
 import { ask, h } from "./dom.js";
@@ -6,21 +6,25 @@ import { outcome, kitchenName } from "./format.js";
 import { gif } from "./gif.js";
 
 const [WIDTH, HEIGHT] = [640, 480];
-/** Height of the line beneath the picture, and width of the robot's view in its corner, pixels. */
-const LINE = 24;
-const VIEW = 128;
+/** Height of each of the two lines beneath an episode's views, pixels. */
+const LINE = 22;
 
 /** What the line beneath a picture says: which episode, which step, and at its end how it ended. */
-export function caption({ key, last, place: where, episode: { target, outcome: ended, task } }, step) {
-  const [kitchen, , number] = key.split("-");
+export function caption({ key, last, place: where, episode: { number, target, outcome: ended, task } }, step) {
   const at = Math.min(step, last);
-  return [`${where ?? kitchenName(kitchen)}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended, task?.successes) : null].filter(Boolean).join(" · ");
+  return [`${where ?? kitchenName(key.split("-")[0])}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended, task?.successes) : null].filter(Boolean).join(" · ");
+}
+
+/** What the second line says: the step's action and what it did. */
+export function deeds(stage, step) {
+  const { acted, noted, measured } = stage.said(Math.min(step, stage.last));
+  return [acted, ...noted.map(({ text }) => text), measured].filter(Boolean).join(" · ");
 }
 
 /** Kinds of films that this browser can make: name, ending, what its recorder is told. */
 export function kinds() {
   const recorded = [
-    ["MP4", "mp4", ["video/mp4;codecs=avc1.42E01E", "video/mp4;codecs=vp9", "video/mp4;codecs=av01.0.01M.08"]],
+    ["MP4", "mp4", ["video/mp4;codecs=avc1.42E028", "video/mp4;codecs=avc1.42E01E", "video/mp4;codecs=vp9", "video/mp4;codecs=av01.0.01M.08"]],
     ["WebM", "webm", ["video/webm;codecs=vp9", "video/webm"]],
   ];
   const found = recorded.map(([name, ending, types]) => ({ name, ending, type: types.find((type) => globalThis.MediaRecorder?.isTypeSupported(type)) }));
@@ -67,7 +71,9 @@ export async function film(stages, last, kind, speed, signal, told) {
   // A GIF grows with its pixels much faster.
   const small = kind.type ? 1 : stages.length > 1 ? 0.6 : 0.75;
   const [width, height] = [Math.round(WIDTH * small), Math.round(HEIGHT * small)];
-  const canvas = h("canvas", { width: width * stages.length, height: height + LINE });
+  // The room, what the robot sees of it beside that, and beneath both what there is to say; another episode below.
+  const tall = height + 2 * LINE;
+  const canvas = h("canvas", { width: width + height, height: tall * stages.length });
   const pen = canvas.getContext("2d", { willReadFrequently: kind.type === null });
   const seconds = 1 / speed;
   let done = 0;
@@ -79,7 +85,7 @@ export async function film(stages, last, kind, speed, signal, told) {
     return (await ask(address, { signal })).blob();
   };
   const view = async (stage, step, later) => {
-    const address = new URL(stage.address({ view: "depth", step: Math.min(step, stage.last), width: VIEW, later }), location.href);
+    const address = new URL(stage.address({ view: "depth", step: Math.min(step, stage.last), width: height, later }), location.href);
     return (await ask(address, { signal })).blob();
   };
   // All are drawn before the first is filmed, by both processes that draw: a recorder's time does not wait.
@@ -97,15 +103,15 @@ export async function film(stages, last, kind, speed, signal, told) {
       signal.throwIfAborted();
       const began = performance.now();
       Object.assign(pen, { fillStyle: "#ffffff", font: "14px system-ui, sans-serif" });
-      pen.fillRect(0, height, canvas.width, LINE);
+      pen.fillRect(0, 0, canvas.width, canvas.height);
       pen.fillStyle = "#22262c";
       for (const [at, [room, depth]] of blobs.entries()) {
-        for (const [blob, left, top, wide] of [[room, 0, 0, width], [depth, width - VIEW, height - VIEW, VIEW]]) {
+        for (const [blob, left, wide] of [[room, 0, width], [depth, width, height]]) {
           const each = await createImageBitmap(blob);
-          pen.drawImage(each, at * width + left, top, wide, wide === VIEW ? VIEW : height);
+          pen.drawImage(each, left, at * tall, wide, height);
           each.close();
         }
-        pen.fillText(caption(stages[at], step), at * width + 6, height + 17, width - 12);
+        [caption, deeds].forEach((said, line) => pen.fillText(said(stages[at], step), 6, at * tall + height + line * LINE + 16, canvas.width - 12));
       }
       tell();
       await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));

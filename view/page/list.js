@@ -1,6 +1,6 @@
 // The list of runs with their state.
 
-import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
+import { every, h, json, notice, replace, showOrder, sorters, withToken } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
@@ -13,11 +13,18 @@ export function progress(share, label) {
   return h("div", { class: "bar", role: "img", "aria-label": label ?? width }, h("i", { style: { width } }));
 }
 
-/** Those of a suite, evaluations after their run. */
-function inOrder(cards) {
-  const runs = cards.filter(({ evaluation }) => !evaluation);
-  const of = (run) => cards.filter(({ evaluation, folder }) => evaluation && folder.startsWith(`${run.folder}/`));
-  return [...new Set([...runs.flatMap((run) => [run, ...of(run)]), ...cards])];
+/** The run in whose folder an evaluation lies, if it is one of these. */
+const runOf = ({ evaluation, folder }, cards) => (evaluation ? cards.find((run) => !run.evaluation && folder.startsWith(`${run.folder}/`)) : undefined);
+
+/** Each suite and each run with what is of it, evaluations after their run; in the order of the suites' first rows and of the runs. */
+function groups(cards) {
+  const suiteOf = (card) => card.suite_standing?.folder;
+  const owner = new Map(cards.map((card) => [card, runOf(card, cards)]));
+  const heads = cards.filter((card) => suiteOf(card) || !owner.get(card));
+  const whole = (head) => [head, ...cards.filter((card) => owner.get(card) === head)];
+  const all = new Map();
+  for (const card of heads) all.set(suiteOf(card) ?? card.id, [...all.get(suiteOf(card) ?? card.id) ?? [], card]);
+  return [...all.values()].map((group) => [...new Set([...group.filter((card) => !owner.get(card)).flatMap(whole), ...group])]);
 }
 
 /** What a card is sorted by; in a column that it has not it comes last. */
@@ -45,10 +52,7 @@ export async function showList(root, query, signal) {
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
     const sorted = [...cards].sort((a, b) => compare(value(a), value(b)));
-    const suiteOf = (card) => card.suite_standing?.folder;
-    const groups = new Map();
-    for (const card of sorted) groups.set(suiteOf(card) ?? card.id, [...groups.get(suiteOf(card) ?? card.id) ?? [], card]);
-    replace(body, [...groups.values()].flatMap((group) => (suiteOf(group[0]) ? [heading(group[0]), ...inOrder(group).map(row)] : group.map(row))));
+    replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && heading(group[0]), ...group.map(row)]));
   };
   const sort = () => {
     for (const [name, value] of Object.entries(asked)) if (value) query.set(name, value); else query.delete(name);
@@ -60,8 +64,8 @@ export async function showList(root, query, signal) {
     h("div", { class: "card scroll" },
       h("table", { class: "fold sorted runs" }, head, body), empty));
 
-  const heading = ({ suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
-    h("b", {}, `suite ${suite}`), `: ${counts}`, report && h("div", { class: "faint small" }, `report: ${report}`)));
+  const heading = ({ id, suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
+    h("b", {}, `suite ${suite}`), `: ${counts}`, report && [" · ", h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: report }, "report")]));
   const row = (card) => {
     const box = h("input", {
       type: "checkbox", checked: chosen.has(card.id), "aria-label": `Choose ${card.id}`,
@@ -72,13 +76,15 @@ export async function showList(root, query, signal) {
         beside.hidden = chosen.size !== 2;
       },
     });
-    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.suite_standing ? card.folder.split("/").at(-1) : named(card));
+    const isNested = runOf(card, cards) !== undefined;
+    const indent = (card.suite_standing ? 1.5 : 0) + (isNested ? 1.5 : 0);
+    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.suite_standing || isNested ? card.folder.split("/").at(-1) : named(card));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", {},
       h("td", {}, box),
-      h("td", card.suite_standing ? { style: { "padding-left": card.evaluation ? "3rem" : "1.5rem" } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
+      h("td", indent ? { style: { "padding-left": `${indent}rem` } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
       h("td", {}, progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))),
       metrics.map((label, at) => {
         const metric = card.metrics.find((each) => each.label === label);

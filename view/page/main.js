@@ -54,8 +54,8 @@ async function show() {
       title(`Episodes of ${first}`, [crumb(first, run), crumb("episodes")]);
       await showEpisodes(root, first, query, signal);
     } else if (kind === "run" && what === "episode") {
-      title(`Episode ${key} of ${first}`, [crumb(first, run), crumb("episodes", `${run}/episodes`), crumb(key)]);
-      await showEpisode(root, first, key, query, signal);
+      const named = (name) => title(`${name} of ${first}`, [crumb(first, run), crumb("episodes", `${run}/episodes`), crumb(name)]);
+      await showEpisode(root, first, key, query, signal, named);
     } else if (kind === "run" && runs) {
       title(runs.split("+").join(", "), [crumb(runs.split("+").join(", "))]);
       await (runs.includes("+") ? showTogether(root, runs.split("+"), signal) : showRun(root, runs, signal));

@@ -16,7 +16,7 @@ const SILENCE = 1500;
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
 class SceneRenderer {
   constructor(root, policy, signal) {
-    Object.assign(this, { policy, signal, run: null, chosen: null, live: null, still: false, stage: null, over: [] });
+    Object.assign(this, { policy, signal, run: null, chosen: null, seen: null, skips: false, live: null, still: false, stage: null, over: [] });
     this.title = h("h1", {}, "A policy at work");
     this.plays = h("p", { class: "small" }, policy);
     this.terms = h("p", { class: "soft small" }, "\u00a0");
@@ -48,6 +48,9 @@ class SceneRenderer {
     const { signal } = this;
     const [newest] = await json("/api/runs", { signal });
     if (!newest) return false;
+    // Of the round before it what was played is shown first.
+    const left = this.run !== null && this.run !== newest.id && await this.next().catch(() => null);
+    if (left && left !== this.seen?.key) return true;
     if (this.run !== newest.id) Object.assign(this, { run: newest.id, over: [] });
     await this.renew();
     const { card, kitchens } = this.live;
@@ -83,40 +86,59 @@ class SceneRenderer {
     if (this.tally.textContent !== text) this.tally.textContent = text;
   }
 
+  /** The episode after the one that was shown last, once it has begun; the newest where none was, or where that is asked for. */
+  async next() {
+    const newest = await this.newest();
+    const { seen, skips } = this;
+    // A procedural kitchen is one of many that its environment goes through: it has only some of the numbers.
+    const goesOn = newest && seen?.where === `${this.run} ${this.chosen}` && !skips && newest.split("-")[0] < 256;
+    if (!goesOn) return newest;
+    const [kitchen, environment, number] = newest.split("-").map(Number);
+    return `${kitchen}-${environment}-${Math.min(number, seen.number + 1)}`;
+  }
+
   newest() { return json(`/api/runs/${encodeURIComponent(this.run)}/newest/${this.chosen}`, { signal: this.signal }); }
 
   /** Shows an episode to its end, or until another kitchen is chosen; it may still go on. */
   async show(key) {
     const { signal, run, chosen } = this;
-    this.waits(`The newest episode in ${kitchenName(chosen.split("/")[0], this.live.card.scenes)} is simulated up to its last step`);
+    this.waits(`The episode in ${kitchenName(chosen.split("/")[0], this.live.card.scenes)} is simulated up to its last step`);
     const stage = await Stage.open(run, key, signal);
     this.waits("");
     this.button.hidden = false;
     this.stage = stage;
     const end = h("span", {});
     const number = Number(key.split("-")[2]);
+    const newer = h("span", { class: "soft" });
+    const counted = (newest) => {
+      const ahead = newest.split("-")[2] - number;
+      replace(newer, ahead > 0 ? [`the policy is ${ahead === 1 ? "an episode" : `${ahead} episodes`} ahead `, h("button", { class: "small", onclick: () => { this.skips = true; } }, "Show the newest")] : null);
+    };
+    counted(await this.newest() ?? key);
     // The policy does not wait for this page.
     const [first, before] = [(this.seen?.where === `${run} ${chosen}` ? this.seen.number : number) + 1, number - 1];
     const missed = first < before ? `episodes ${first} to ${before} were not shown` : first === before ? `episode ${first} was not shown` : "";
-    this.seen = { where: `${run} ${chosen}`, number };
+    Object.assign(this, { seen: { where: `${run} ${chosen}`, number, key }, skips: false });
     const { target } = stage.episode;
     const task = target ? `Bring the ${target} (pink) to its goal (green), and displace nothing else (violet)` : "Reach the goal (green)";
     const keys = [["space", "pause"], ["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
     replace(this.place, h("div", { class: "episode" },
       h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", {}, h("strong", {}, task), h("div", { class: "row small ending" }, h("span", {}, `episode ${number} in ${stage.place}`), end, h("span", { class: "soft" }, missed))), stage.problem,
+        h("div", {}, h("strong", {}, task), h("div", { class: "row small ending" }, h("span", {}, `episode ${stage.episode.number} in ${stage.place}`), end, h("span", { class: "soft" }, missed), newer)), stage.problem,
         besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`))), stage.moved)),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and path"), stage.plan.element, stage.plan.legend))));
     this.camera(stage);
     stage.show(0);
     this.place.dataset.episode = key;
     let newest = performance.now();
-    for (let step = 1; !signal.aborted && this.chosen === chosen;) {
+    for (let step = 1; !signal.aborted && this.chosen === chosen && !this.skips;) {
       if (this.still) {
         await pause(LOOK / 4, signal);
       } else if (step <= stage.last) {
-        // What is said is of the step that is seen; a machine that draws slowly leaves out steps.
+        // Every step is seen, and what is said is of that step: on a machine that draws slowly the policy gets ahead.
         const [asked, rate] = [performance.now(), Math.max(SPEED, (stage.last - step) / CATCH_UP)];
+        stage.orbit.step = step;
+        stage.orbit.follow();
         stage.paint(step);
         while (!stage.isPainted() && !signal.aborted && this.chosen === chosen) await pause(20, signal);
         stage.tell();
@@ -125,7 +147,7 @@ class SceneRenderer {
         this.waits("");
         const due = ((newest - asked) * rate) / 1000;
         await pause(Math.max(0, (1 - due) * 1000) / rate, signal);
-        if (step === stage.last) step += 1; else step = Math.min(stage.last, step + Math.max(1, Math.floor(due)));
+        step += 1;
       } else if (stage.episode.outcome !== "unfinished") {
         const ended = stage.ended();
         replace(end, h("span", { class: stage.kind() }, ended), ` after ${count(stage.last)} steps`);
@@ -139,7 +161,9 @@ class SceneRenderer {
         await pause(LOOK, signal);
         stage.episode = await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal });
         // A newer one has begun, and this one was cut off.
-        if (step > stage.last && await this.newest() !== key) return;
+        const begun = await this.newest();
+        counted(begun ?? key);
+        if (step > stage.last && begun !== key) return;
       }
     }
   }
@@ -163,7 +187,7 @@ export async function showPlay(root, policy, signal) {
   let shown = null;
   while (!signal.aborted) {
     try {
-      const key = await renderer.look() ? await renderer.newest() : null;
+      const key = await renderer.look() ? await renderer.next() : null;
       const place = `${renderer.run} ${key}`;
       if (key === null || place === shown) {
         if (renderer.chosen) renderer.waits(`${shown ? "The next" : "The first"} episode in ${kitchenName(renderer.chosen.split("/")[0], renderer.live.card.scenes)} is waited for`);

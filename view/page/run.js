@@ -319,10 +319,11 @@ export async function showRun(root, run, signal) {
   const [workersCard, warningsCard, timesCard] = [card("Processes", parts.workers), card("Warnings", parts.warnings), card("Where the time goes", parts.times)];
   const log = h("div", { class: "stack" }, warningsCard, card("Log", parts.log));
   // Of a run at work what it does now; of one at rest what it has come to. Two columns are about as long as each other.
-  const arrange = (running, isLong) => {
+  const arrange = (running, isLong, elsewhere) => {
     const [first, second] = [[kitchensCard], running ? [depths.element, parts.evaluations, parts.validation] : [parts.validation]];
     (isLong || !running ? second : first).push(timesCard, workersCard);
-    if (!running) second.push(log);
+    // Only kitchens are listed beside it.
+    if (!running) (elsewhere ? first : second).push(log);
     const columns = h("div", { class: "grid halves" }, [first, second].map((column) => h("div", { class: "stack" }, column)));
     replace(root, head, notes, summary, running ? [curves.element, columns, log] : [thumbnails.element, curves.element, parts.evaluations, columns]);
   };
@@ -345,7 +346,7 @@ export async function showRun(root, run, signal) {
     const isLong = live.kitchens.length > LONG;
     if (shown.running !== running || shown.isLong !== isLong) {
       Object.assign(shown, { running, isLong });
-      arrange(running, isLong);
+      arrange(running, isLong, live.card.elsewhere);
     }
     update("kitchens", parts.kitchens, [live.kitchens, live.indexed], () => kitchens(live, run));
     update("times", parts.times, live.shares, () => times(live));

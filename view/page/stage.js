@@ -67,6 +67,8 @@ function framed(canvas, kind, ...over) {
   return { canvas, element, tell, painter: new Painter(canvas, (waits) => element.classList.toggle("waits", waits)) };
 }
 
+/** Half of a picture's width for a distance of 1. */
+const HALF_WIDTH = 0.42;
 const CLAMP = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** The room from a free camera. `moved`: told when the camera was moved. */
@@ -133,9 +135,36 @@ class OrbitView {
     this.changed();
   }
 
+  /** Nearer to what is done, and back; where the visitor has moved the camera, to what it looks at. */
   zoom(factor) {
-    this.camera.radius_m = CLAMP(this.camera.radius_m * factor, 0.25, 8);
+    const { camera, began } = this;
+    const before = camera.radius_m;
+    camera.radius_m = CLAMP(before * factor, 0.25, 8);
+    const ratio = camera.radius_m / before;
+    const aim = ratio < 1 ? this.stage.focus(this.step) : began.centre_m;
+    // Twice as fast as the picture shrinks: what is aimed at gets to its middle.
+    const share = 1 - Math.min(ratio, 1 / ratio) ** 2;
+    if (!camera.isMoved) camera.centre_m = camera.centre_m.map((value, axis) => value + share * (aim[axis] - value));
     this.changed();
+  }
+
+  /** Whether a place is in the picture. */
+  holds(place) {
+    const { yaw_rad: yaw, pitch_rad: pitch, radius_m: radius, centre_m: centre } = this.camera;
+    const [x, y, z] = place.map((value, axis) => value - centre[axis]);
+    const across = x * Math.cos(yaw) - z * Math.sin(yaw);
+    const flat = x * Math.sin(yaw) + z * Math.cos(yaw);
+    const depth = (radius * Math.hypot(1, HALF_WIDTH)) / HALF_WIDTH + flat * Math.cos(pitch) - y * Math.sin(pitch);
+    const up = y * Math.cos(pitch) + flat * Math.sin(pitch);
+    return Math.abs(across) < HALF_WIDTH * depth && Math.abs(up) < 0.75 * HALF_WIDTH * depth;
+  }
+
+  /** Where robot or target leave the picture of an episode that goes on: the view from which its way so far is seen. */
+  follow() {
+    const { stage, camera, began } = this;
+    if (JSON.stringify(camera) !== JSON.stringify(began) || stage.places(this.step).every((place) => this.holds(place))) return;
+    this.began = stage.episode.orbit;
+    this.home();
   }
 
   /** Moves the middle of what is seen, in the plane of the picture's lower edge. */
@@ -145,6 +174,7 @@ class OrbitView {
     centre[0] += reach * (-dx * Math.cos(yaw) + dy * Math.sin(yaw) * Math.sin(pitch));
     centre[2] += reach * (dx * Math.sin(yaw) + dy * Math.cos(yaw) * Math.sin(pitch));
     centre[1] = CLAMP(centre[1] + reach * dy * Math.cos(pitch), 0, 2.5);
+    this.camera.isMoved = true;
     this.changed();
   }
 
@@ -237,11 +267,18 @@ export function limit({ metrics }) {
   return found ? { channel: found.channel, bound: bound(found) } : null;
 }
 
+/** Name of the reward of the stage in which an episode was made; where that is not known, of the last that it was given. */
+function optimised({ task, reward, moments }) {
+  const given = task.rewards.map(({ name }) => name).filter((name) => name in moments.at(-1).rewards);
+  return given.find((name) => name === reward) ?? given.at(-1) ?? task.rewards[0]?.name;
+}
+
 /** Parts of the reward that are 1 at a moment, and whether they are good news. */
-function marks({ task }, moment) {
-  const [first] = task.rewards;
+function marks(episode, moment) {
+  const { task } = episode;
+  const own = optimised(episode);
   const isMark = ({ role, values }) => role === "part" && values?.join() === "0,1";
-  const weight = (name) => terms(task, first.name).all.find(({ part }) => part === name)?.weight ?? 0;
+  const weight = (name) => terms(task, own).all.find(({ part }) => part === name)?.weight ?? 0;
   return task.channels.filter((channel) => isMark(channel) && moment.channels[channel.name]?.[0] === 1).map(({ name }) => ({ name, good: weight(name) >= 0 }));
 }
 
@@ -256,7 +293,7 @@ export const explained = ({ target }) => h("ul", { class: "marks small soft" },
 /** A picture of the room, and beside it, where there is a place, what is said of it. */
 export const besides = (picture, ...said) => h("div", { class: "room" }, picture, h("div", { class: "stack" }, said));
 
-/** The task's first reward, and the channel that its metrics limit, over the steps; a click goes there. */
+/** The reward of the episode's stage, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {
   constructor(stages, go, signal) {
     Object.assign(this, { stages, step: 0 });
@@ -270,14 +307,15 @@ export class Strip {
   /** What its colours stand for. */
   legend() {
     const { task } = this.stages[0].episode;
-    const [first, limited] = [task.rewards[0]?.name, limit(task)?.channel];
+    const limited = limit(task)?.channel;
+    const rewarded = task.rewards.length > 0;
     const said = (ink, text) => text && h("span", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text);
     const marked = this.stages.flatMap(({ episode }) => episode.moments.flatMap((moment) => marks(episode, moment)));
     const named = (good) => [...new Set(marked.filter((mark) => mark.good === good).map(({ name }) => words(name)))].join(", ");
     const unit = task.channels.find(({ name }) => name === limited)?.unit;
     const most = Math.max(0, ...this.stages.flatMap(({ episode }) => episode.moments.map(({ channels }) => channels[limited]?.[0] ?? 0)));
-    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", first && `reward ${first}${stage.name ? `, ${stage.name}` : ""}`));
-    return h("div", { class: "legend small soft" }, rewards, said("--faint", first && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
+    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", rewarded && `reward ${optimised(stage.episode)}${stage.name ? `, ${stage.name}` : ""}`));
+    return h("div", { class: "legend small soft" }, rewards, said("--faint", rewarded && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
   }
 
   drag(event, go) { go(CLAMP(Math.floor((event.offsetX / this.canvas.clientWidth) * (this.steps + 1)), 0, this.steps)); }
@@ -293,7 +331,7 @@ export class Strip {
     const wide = width / (this.steps + 1);
     const x = (at) => (at + 0.5) * wide;
     const { task } = this.stages[0].episode;
-    const [first, limited] = [task.rewards[0]?.name, limit(task)];
+    const limited = limit(task);
     const height_of = (moment) => moment.channels[limited?.channel]?.[0] ?? 0;
     const most = Math.max(5 * (limited?.bound ?? 0), 1e-9, ...this.stages.flatMap(({ episode }) => episode.moments.map(height_of)));
     pen.fillStyle = css("--wash");
@@ -302,9 +340,10 @@ export class Strip {
       const ink = css(index ? "--run-1" : "--run-0");
       const lane = (height - 13) / this.stages.length;
       const middle = lane * index + lane * 0.62;
+      const own = optimised(episode);
       episode.moments.forEach((moment, at) => {
-        const reward = moment.rewards[first] ?? 0;
-        const tall = CLAMP(Math.sqrt(Math.abs(reward)) * 8, 0, lane * 0.6) * Math.sign(reward);
+        const reward = moment.rewards[own] ?? 0;
+        const tall = CLAMP(Math.sqrt(Math.abs(reward)) * 8 * Math.sign(reward), -lane * 0.38, lane * 0.6);
         pen.fillStyle = reward < 0 ? css("--faint") : ink;
         const bar = Math.max(1.5, wide - 1.5);
         pen.fillRect(x(at) - bar / 2, middle - Math.max(tall, 0), bar, Math.abs(tall));
@@ -329,9 +368,10 @@ export class Stage {
   /** `waits`: called with the reason while the viewer has not read that far. */
   static async open(run, key, signal, waits) {
     const stage = new Stage(run, key, signal, await json(`/api/runs/${encodeURIComponent(run)}/episodes/${key}`, { signal, waits }));
-    const [kitchen] = key.split("-");
-    // Only the list of runs has the names of scenes.
-    const cards = kitchen >= 128 && kitchen < 256 ? await json("/api/runs", { signal }) : [];
+    const [kitchen, environment] = key.split("-");
+    const cards = await json("/api/runs", { signal });
+    // An evaluation numbers its episodes by kitchen.
+    stage.environment = cards.find(({ id }) => id === run)?.evaluation ? null : environment;
     stage.place = kitchenName(kitchen, cards.find(({ id }) => id === run)?.scenes);
     return stage;
   }
@@ -348,6 +388,19 @@ export class Stage {
     this.channels = h("div", {});
   }
 
+  /** The robot's hand and the target, or the middle of the robot. */
+  places(step) {
+    const { wrist_position_m: hand, target_position_m: target, base_position_m: base } = this.episode.moments[step].channels;
+    const near = [hand, target].filter((place) => place?.length === 3);
+    return near.length || !base ? near : [[base[0], 0.8, base.at(-1)]];
+  }
+
+  /** The middle of what is done at a step. */
+  focus(step) {
+    const places = this.places(step);
+    return places.length ? [0, 1, 2].map((axis) => places.reduce((sum, place) => sum + place[axis], 0) / places.length) : this.orbit.camera.centre_m;
+  }
+
   get last() { return this.episode.moments.length - 1; }
 
   address(query) { return pictureAddress(this.run, this.key, { ...query, of: this.last }); }
@@ -357,10 +410,16 @@ export class Stage {
     Object.assign(this.problem, { hidden: false, textContent: error.message });
   }
 
+  /** Where it was played, and its number there, as in the table of episodes. */
+  called() {
+    const { environment, place, episode: { number } } = this;
+    return [place, environment === null ? null : `environment ${environment}`, `episode ${number}`].filter(Boolean).join(", ");
+  }
+
   /** What is to be said above the pictures. */
   title() {
-    const [, environment, number] = this.key.split("-");
-    return h("div", { class: "row" }, h("h1", {}, [this.episode.target, this.place].filter(Boolean).join(", ")), h("span", { class: this.kind() }, this.ended()), h("span", { class: "soft small" }, `environment ${environment}, episode ${number}, ${this.last} steps`));
+    const { environment, episode: { number } } = this;
+    return h("div", { class: "row" }, h("h1", {}, [this.episode.target, this.place].filter(Boolean).join(", ")), h("span", { class: this.kind() }, this.ended()), h("span", { class: "soft small" }, `${environment === null ? "" : `environment ${environment}, `}episode ${number}, ${this.last} steps`));
   }
 
   /** How it ended, and what kept it from ending better. */
@@ -411,15 +470,24 @@ export class Stage {
   /** Whether the pictures are of the step that was asked for, or never will be. */
   isPainted() { return !this.problem.hidden || [this.orbit, this.depth].every(({ canvas }) => canvas.dataset.step === String(this.step)); }
 
+  /** A step in words: its action, what is to be noted of it, and what the task's metrics limit. */
+  said(step) {
+    const { task, moments } = this.episode;
+    const now = moments[step];
+    const limited = task.channels.find(({ name }) => name === limit(task)?.channel);
+    const noted = marks(this.episode, now).map(({ name, good }) => ({ text: words(name), good }));
+    return { acted: action(now.action), noted, measured: limited && now.channels[limited.name] ? quantity(limited, now.channels[limited.name]) : null };
+  }
+
   /** Says what there is to say of the step. */
   tell() {
     const now = this.episode.moments[this.step];
     this.plan.draw(this.step);
     const { task } = this.episode;
-    const limited = task.channels.find(({ name }) => name === limit(task)?.channel);
-    replace(this.words, h("strong", {}, `step ${this.step}`), h("span", {}, action(now.action)),
-      marks(this.episode, now).map(({ name, good }) => h("span", { class: good ? "good" : "bad" }, words(name))),
-      limited && now.channels[limited.name] ? h("span", { class: "soft" }, quantity(limited, now.channels[limited.name])) : null);
+    const { acted, noted, measured } = this.said(this.step);
+    replace(this.words, h("strong", {}, `step ${this.step}`), h("span", {}, acted),
+      noted.map(({ text, good }) => h("span", { class: good ? "good" : "bad" }, text)),
+      measured && h("span", { class: "soft" }, measured));
     this.rewards(now);
     this.displaced(now);
     const told = task.channels.filter(({ name }) => now.channels[name]);

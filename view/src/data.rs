@@ -23,9 +23,27 @@ pub trait Runs: Send + Sync + 'static {
     fn curves(&self, run: &str, edition: u64, known: usize) -> Result<Curves, Problem>;
     fn episodes(&self, run: &str, query: &EpisodeQuery) -> Result<EpisodePage, Problem>;
     fn pairs(&self, runs: [&str; 2]) -> Result<Pairs, Problem>;
-    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem>;
+    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<Recorded, Problem>;
     /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
+    /// The page of the report of the suite that the run is of.
+    fn report(&self, run: &str) -> Result<String, Problem>;
+}
+
+/// A recorded episode, and what its run says of it.
+#[derive(Debug, Clone)]
+pub struct Recorded {
+    pub setup: ReplaySetup,
+    pub episode: RecordedEpisode,
+    pub made: Made,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Made {
+    /// As in the table of episodes: [`EpisodeRow::episode`].
+    pub number: u32,
+    /// The reward of the stage in which it was made.
+    pub reward: Option<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -243,6 +261,9 @@ pub struct EpisodePage {
     pub rows: Vec<EpisodeRow>,
     pub kitchens: Vec<u32>,
     pub elsewhere: bool,
+    /// Of those: the command that makes films, without its options for episodes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub films: Option<String>,
     pub targets: Vec<String>,
     pub columns: Vec<EpisodeColumn>,
     pub successes: Vec<String>,

@@ -22,6 +22,8 @@ const INDEX: &str = include_str!("../page/index.html");
 const STYLES: [&str; 2] = [include_str!("../page/uPlot/uPlot.min.css"), include_str!("../page/style.css")];
 const CHARTS: &str = include_str!("../page/uPlot/uPlot.iife.min.js");
 const CHARTS_LICENCE: &str = include_str!("../page/uPlot/LICENSE");
+/// What comes before a report's data.
+const DATA: &str = "<script type=\"application/json\" id=\"report\">";
 /// What a report is drawn by: each file imports from those before it.
 const MODULES: [&str; 5] = [
     include_str!("../page/dom.js"),
@@ -58,14 +60,9 @@ pub(crate) const ASSETS: &[Asset] = &[
 ///
 /// Its policy lets nothing be loaded, and runs these very scripts alone: names in the data cannot become code.
 pub fn report(data: &str, otherwise: &str) -> String {
-    let style = STYLES.concat();
-    let charts = format!("/* uPlot\n{CHARTS_LICENCE}\n*/\n{CHARTS}");
-    let modules = joined(&MODULES);
-    let [style_hash, charts_hash, modules_hash] = [&style, &charts, &modules].map(|text| hash(text));
-    let policy = format!(
-        "default-src 'none'; style-src {style_hash}; script-src {charts_hash} {modules_hash}; img-src data: blob:; \
-         base-uri 'none'; form-action 'none'"
-    );
+    let parts = parts();
+    let policy = policy(&parts);
+    let [style, charts, modules] = parts;
     // Within JSON a sign of markup stands in texts only.
     let data = data.replace('<', "\\u003c");
     let (head, rest) = INDEX.split_once("<link").expect("the page names its files");
@@ -73,9 +70,34 @@ pub fn report(data: &str, otherwise: &str) -> String {
     let (before, after) = rest.split_once("</main>").expect("the page has a place for its content");
     format!(
         "{head}<meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n<style>{style}</style>\n</head>\
-         {before}{otherwise}</main>{after}<script type=\"application/json\" id=\"report\">{data}</script>\n\
+         {before}{otherwise}</main>{after}{DATA}{data}</script>\n\
          <script>{charts}</script>\n<script type=\"module\">{modules}</script>\n"
     )
+}
+
+/// Style, charts and modules of a report.
+fn parts() -> [String; 3] {
+    [STYLES.concat(), format!("/* uPlot\n{CHARTS_LICENCE}\n*/\n{CHARTS}"), joined(&MODULES)]
+}
+
+fn policy(parts: &[String; 3]) -> String {
+    let [style, charts, modules] = parts.each_ref().map(|text| hash(text));
+    format!(
+        "default-src 'none'; style-src {style}; script-src {charts} {modules}; img-src data: blob:; base-uri 'none'; \
+         form-action 'none'"
+    )
+}
+
+/// For a report that lies in somebody's folder: of its scripts those of this very program run, and no other.
+pub(crate) fn report_policy() -> String {
+    format!("{}; frame-ancestors 'none'", policy(&parts()))
+}
+
+/// A report from its file, by the scripts of this program: those of another version would not run. None without its data.
+pub(crate) fn again(page: &str) -> Option<String> {
+    let (_, rest) = page.split_once(DATA)?;
+    let (data, _) = rest.split_once("</script>")?;
+    Some(report(data, ""))
 }
 
 /// Modules as one: a browser cannot import what lies in the same file.

@@ -1,20 +1,20 @@
 use crate::answer::{Refusal, json, text};
-use crate::data::{EpisodeKey, EpisodeQuery, Problem, Runs};
+use crate::data::{EpisodeKey, EpisodeQuery, Made, Problem, Recorded, Runs};
 use crate::guard;
-use crate::page::ASSETS;
+use crate::page::{ASSETS, again, report_policy};
 use crate::readings::Readings;
 use crate::run_feeds::RunFeeds;
 use crate::scene_renderer::SceneRenderer;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
-use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
+use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE};
 use axum::http::{StatusCode, Uri};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Router, middleware};
 use futures_util::stream::{Stream, unfold};
-use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView};
+use proto::show::{ShowAnswer, ShowOrbit, ShowRequest, ShowView, ShownEpisode};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -50,6 +50,7 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderers: [SceneRenderer; 2], token: A
         .route("/api/runs/{run}", get(live))
         .route("/api/runs/{run}/live", get(follow))
         .route("/api/runs/{run}/curves", get(curves))
+        .route("/api/runs/{run}/report", get(report))
         .route("/api/runs/{run}/episodes", get(episodes))
         .route("/api/runs/{run}/pairs/{other}", get(pairs))
         .route("/api/runs/{run}/episodes/{key}", get(episode))
@@ -72,16 +73,25 @@ impl Server {
         self.readings.read(move |runs| ask(runs).map(|value| text(&value))).await.map(json)
     }
 
-    async fn open(&self, run: &str, key: EpisodeKey, later: bool) -> Result<ShowAnswer, Refusal> {
+    async fn open(&self, run: &str, key: EpisodeKey, later: bool) -> Result<(ShowAnswer, Made), Refusal> {
         let owned = run.to_owned();
-        let (setup, episode) = self.readings.read(move |runs| runs.recorded(&owned, key)).await?;
+        let Recorded { setup, episode, made } = self.readings.read(move |runs| runs.recorded(&owned, key)).await?;
         let request = ShowRequest::Open { name: name_of(run, key), setup, episode: Box::new(episode) };
         let (answer, _) = self.scene_renderers[usize::from(later)].ask(request).await?;
         match answer {
             ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
-            answer => Ok(answer),
+            answer => Ok((answer, made)),
         }
     }
+}
+
+/// What the page is sent of an episode.
+#[derive(Serialize)]
+struct Opened {
+    #[serde(flatten)]
+    shown: Box<ShownEpisode>,
+    #[serde(flatten)]
+    made: Made,
 }
 
 async fn opening_page(State(server): State<Server>) -> Response {
@@ -144,6 +154,13 @@ async fn pairs(State(server): State<Server>, Path((run, other)): Path<(String, S
     server.answer(move |runs| runs.pairs([&run, &other])).await
 }
 
+async fn report(State(server): State<Server>, Path(run): Path<String>) -> Result<Response, Refusal> {
+    let page = server.readings.read(move |runs| runs.report(&run)).await?;
+    let page = again(&page).unwrap_or(page);
+    let kind = "text/html; charset=utf-8".to_owned();
+    Ok(([(CONTENT_TYPE, kind), (CONTENT_SECURITY_POLICY, report_policy())], page).into_response())
+}
+
 fn understood<T>(query: Result<Query<T>, QueryRejection>) -> Result<T, Refusal> {
     query.map(|Query(query)| query).map_err(|rejection| Refusal(StatusCode::BAD_REQUEST, rejection.body_text()))
 }
@@ -169,7 +186,7 @@ async fn episode(
 ) -> Result<Response, Refusal> {
     let OpenQuery { later } = understood(query)?;
     match server.open(&run, key.parse()?, later).await? {
-        ShowAnswer::Opened(shown) => Ok(json(text(&shown))),
+        (ShowAnswer::Opened(shown), made) => Ok(json(text(&Opened { shown, made }))),
         _ => Err(unasked()),
     }
 }

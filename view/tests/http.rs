@@ -11,7 +11,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Runs};
+use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Made, Pairs, Problem, Recorded, Runs};
 use view::{Settings, serve};
 
 /// What a request shows that has the server's token.
@@ -61,7 +61,7 @@ impl Runs for One {
     fn pairs(&self, [run, _]: [&str; 2]) -> Result<Pairs, Problem> {
         self.read(run, Pairs::default())
     }
-    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem> {
+    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<Recorded, Problem> {
         let kitchen = KitchenId::new(key.kitchen).map_err(|error| Problem::NotThere(error.to_string()))?;
         let episode = RecordedEpisode {
             environment: EnvironmentId { kitchen, number: key.environment },
@@ -72,14 +72,23 @@ impl Runs for One {
             digests: Vec::new(),
             start: Vec::new(),
         };
-        self.read(run, (ReplaySetup { config: String::new(), folder: None, images: None }, episode))
+        let setup = ReplaySetup { config: String::new(), folder: None, images: None };
+        let made = Made { number: 7, reward: Some("r_prime".to_owned()) };
+        self.read(run, Recorded { setup, episode, made })
     }
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))
     }
+    fn report(&self, run: &str) -> Result<String, Problem> {
+        // Somebody has put a script into it.
+        self.read(
+            run,
+            view::page::report("{\"seeds\":7}", "an older page").replace("<style>", "<script>alert(1)</script><style>"),
+        )
+    }
 }
 
-/// A simulator: opens nothing until it is asked to, then draws `PNG!`; dies when step 13 is drawn, talks nonsense at
+/// A simulator: opens the episode 1-0-99; others not until it is asked to, then draws `PNG!`; dies when step 13 is drawn, talks nonsense at
 /// step 14, and never ends with step 15.
 const SIMULATOR: &str = r#"#!/bin/sh
 open=
@@ -88,6 +97,7 @@ while read -r line; do
     *'"step":13'*) exit 3 ;;
     *'"step":14'*) echo nonsense ;;
     *'"step":15'*) exec sleep 3600 ;;
+    *'"open"'*'"a/1-0-99"'*) echo '{"opened":{"task":{"channels":[],"rewards":[],"weights":{},"metrics":[],"successes":[]},"target":null,"outcome":"failure","figures":{},"goal_tolerance_m":0.5,"orbit":{"centre_m":[0,0,0],"radius_m":1,"yaw_rad":0,"pitch_rad":0},"plan_centre_m":[0,0],"plan_half_width_m":1,"moments":[],"things":[],"compared":0,"first_difference":null}}' ;;
     *'"open"'*) open=yes; echo '{"picture":{"bytes":0}}' ;;
     *) if [ "$open" ]; then printf '{"picture":{"bytes":4}}\nPNG!'; else echo '"not_open"'; fi ;;
   esac
@@ -189,6 +199,31 @@ fn the_page_and_all_that_it_names_is_there_under_a_strict_policy() {
     }
     assert!(seen.len() >= 10, "{seen:?}");
     assert!(server.get("/api/opening").body.contains("\"runs\":[\"a\"]"));
+}
+
+#[test]
+fn an_episode_comes_with_its_number_in_the_table_and_the_reward_of_its_stage() {
+    let server = Server::start();
+    let episode = server.get("/api/runs/a/episodes/1-0-99");
+    assert_eq!(episode.status, 200, "{episode:?}");
+    assert!(episode.body.contains("\"outcome\":\"failure\""), "{episode:?}");
+    assert!(episode.body.ends_with("\"number\":7,\"reward\":\"r_prime\"}"), "{episode:?}");
+}
+
+/// A report lies in a folder that can be anybody's: no script of theirs runs, and none is answered without the token.
+#[test]
+fn a_report_is_shown_under_a_policy_of_its_own() {
+    let server = Server::start();
+    let address = "/api/runs/a/report";
+    assert_eq!(server.ask("GET", address, "").status, 401);
+    let report = server.ask("GET", &format!("{address}?token=0123abcd"), "");
+    assert_eq!(report.status, 200);
+    assert!(report.body.contains(">{\"seeds\":7}</script>") && !report.body.contains("alert(1)"), "{report:?}");
+    assert!(report.head.contains("content-type: text/html"), "{report:?}");
+    let scripts = report.head.split("script-src ").nth(1).and_then(|rest| rest.split(';').next()).unwrap();
+    assert!(scripts.split(' ').all(|source| source.starts_with("'sha256-")), "{scripts}");
+    assert_eq!(report.head.matches("content-security-policy").count(), 1);
+    assert_eq!(server.get("/api/runs/b/report").status, 404);
 }
 
 #[test]

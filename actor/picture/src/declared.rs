@@ -64,7 +64,7 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     let is_measure =
         |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
     let measure = |(channel, field): (&Channel, &Field)| {
-        format!("{} {:.3} {}", channel.bare_name().replace('_', "-"), field.number(record), channel.unit)
+        format!("{} {:.3} {}", channel.bare_name().replace('_', " "), field.number(record), channel.unit)
     };
     let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
     Captions {

@@ -3,20 +3,25 @@
 use super::camera::{Camera, Projection};
 use super::model::Model;
 use super::moment::Point;
-use super::visible::Visible;
+use super::visible::{NOTHING, Visible};
 use rapier3d::math::{Pose3, Vec3};
 use simulator::physics::geometry::{rotation_x, rotation_y};
 use std::f32::consts::TAU;
 
 const TAN_HALF_WIDTH: f32 = 0.42;
+/// Of the page's pictures; square ones show more.
+const TAN_HALF_HEIGHT: f32 = 0.75 * TAN_HALF_WIDTH;
 const DIRECTIONS: usize = 16;
 const PITCHES: [f32; 4] = [0.75, 0.6, 1.05, 1.3];
 /// What a less liked angle must show more, as a share of all points.
 const PREFERENCE: f32 = 0.06;
+/// What a picture loses, in the same share: for a metre more of radius, and where all of it lies beyond the room.
+const FARTHER: f32 = 0.05;
+const BARE: f32 = 0.15;
 /// Room around the points, and the smallest scene, metres.
 const MARGIN_M: f32 = 0.2;
 const RADIUS_LEAST_M: f32 = 1.2;
-/// As wide, for its height, as the page's picture: a square one shows more.
+/// As wide, for its height, as the page's picture.
 const TRIAL: (usize, usize) = (160, 120);
 
 /// Looks at a ball from outside and sees all of it; what stands between is cut away.
@@ -31,26 +36,51 @@ pub struct Orbit {
 impl Orbit {
     pub fn camera(&self) -> Camera {
         let rotation = rotation_y(self.yaw_rad) * rotation_x(self.pitch_rad);
-        let distance_m = self.radius_m * (1.0 + TAN_HALF_WIDTH * TAN_HALF_WIDTH).sqrt() / TAN_HALF_WIDTH;
+        let distance_m = self.radius_m / sine();
         let pose = Pose3::from_parts(self.centre - rotation * Vec3::Z * distance_m, rotation);
         Camera::new(pose, Projection::Central { tan_half_width: TAN_HALF_WIDTH }, distance_m - self.radius_m)
     }
 }
 
+/// Of half the angle that a picture is wide: radius of a ball that fills it, for a distance of 1.
+fn sine() -> f32 {
+    TAN_HALF_WIDTH / (1.0 + TAN_HALF_WIDTH * TAN_HALF_WIDTH).sqrt()
+}
+
+/// The nearest camera in this direction that has all points in the page's picture, with room around them.
+fn around(points: &[Point], yaw_rad: f32, pitch_rad: f32) -> Orbit {
+    let rotation = rotation_y(yaw_rad) * rotation_x(pitch_rad);
+    let turned: Vec<Vec3> = points.iter().map(|point| rotation.inverse() * point.place).collect();
+    let bounds = |of: &dyn Fn(&Vec3) -> f32| {
+        turned.iter().map(of).fold((f32::MAX, f32::MIN), |(low, high), value| (low.min(value), high.max(value)))
+    };
+    // Along an axis of the picture: the place that has as much room on both sides, and the farthest depth from which all
+    // of it is seen.
+    let fit = |across: &dyn Fn(&Vec3) -> f32, tan: f32| {
+        let low = bounds(&|place| across(place) + tan * place.z).0 - MARGIN_M;
+        let high = bounds(&|place| across(place) - tan * place.z).1 + MARGIN_M;
+        (0.5 * (low + high), (low - high) / (2.0 * tan))
+    };
+    let (x, of_width) = fit(&|place| place.x, TAN_HALF_WIDTH);
+    let (y, of_height) = fit(&|place| place.y, TAN_HALF_HEIGHT);
+    let eye = of_width.min(of_height);
+    let (nearest, farthest) = bounds(&|place| place.z);
+    // No point is nearer than what is cut away.
+    let uncut = (nearest - MARGIN_M - eye) / (1.0 - sine());
+    let distance_m = (0.5 * (nearest + farthest) - eye).min(uncut);
+    let radius_m = (distance_m * sine()).max(RADIUS_LEAST_M);
+    Orbit { centre: rotation * Vec3::new(x, y, eye + distance_m), radius_m, yaw_rad, pitch_rad }
+}
+
 pub fn best(model: &Model, points: &[Point]) -> Orbit {
-    let (low, high) = points.iter().fold((Vec3::splat(f32::MAX), Vec3::splat(f32::MIN)), |(low, high), point| {
-        (low.min(point.place), high.max(point.place))
-    });
-    let centre = 0.5 * (low + high);
-    let reach_m = points.iter().map(|point| (point.place - centre).length()).fold(0.0, f32::max);
-    let radius_m = (reach_m + MARGIN_M).max(RADIUS_LEAST_M);
     let total: f32 = points.iter().map(|point| point.weight).sum();
     let mut best: Option<(f32, Orbit)> = None;
     for (rank, pitch_rad) in PITCHES.into_iter().enumerate() {
         for direction in 0..DIRECTIONS {
-            let yaw_rad = TAU * direction as f32 / DIRECTIONS as f32;
-            let orbit = Orbit { centre, radius_m, yaw_rad, pitch_rad };
-            let score = seen(model, &orbit.camera(), points) / total - PREFERENCE * rank as f32;
+            let orbit = around(points, TAU * direction as f32 / DIRECTIONS as f32, pitch_rad);
+            let (seen, bare) = seen(model, &orbit.camera(), points);
+            let lost = PREFERENCE * rank as f32 + FARTHER * orbit.radius_m + BARE * bare;
+            let score = seen / total - lost;
             if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
                 best = Some((score, orbit));
             }
@@ -59,11 +89,14 @@ pub fn best(model: &Model, points: &[Point]) -> Orbit {
     best.expect("there are directions").1
 }
 
-fn seen(model: &Model, camera: &Camera, points: &[Point]) -> f32 {
+/// Weight of the points that are seen, and share of the picture beyond the room.
+fn seen(model: &Model, camera: &Camera, points: &[Point]) -> (f32, f32) {
     let (width, height) = TRIAL;
     let corners = model.before(camera).map(|(number, triangle)| (number, triangle.corners));
     let visible = Visible::draw(camera, width, height, corners);
-    points.iter().filter(|point| visible.shows(camera, point)).map(|point| point.weight).sum()
+    let bare = visible.triangle.iter().filter(|&&triangle| triangle == NOTHING).count();
+    let weight = points.iter().filter(|point| visible.shows(camera, point)).map(|point| point.weight).sum();
+    (weight, bare as f32 / visible.triangle.len() as f32)
 }
 
 #[cfg(test)]
@@ -85,6 +118,29 @@ mod tests {
         let camera = best(&model, &points).camera();
         let eye = camera.camera_from_world.inverse().translation;
         assert!(eye.x > eye.z.abs() && eye.y > 0.5, "looks from {eye}");
-        assert!((seen(&model, &camera, &points) - 2.0).abs() < 1e-6);
+        assert!((seen(&model, &camera, &points).0 - 2.0).abs() < 1e-6);
+    }
+
+    /// A ball around them was as high as a picture is wide: the robot's head was cut off.
+    #[test]
+    fn a_picture_holds_all_points_and_no_more_than_it_has_to() {
+        let point = |x: f32, y: f32, z: f32| Point { place: Vec3::new(x, y, z), weight: 1.0, slack_m: 0.1 };
+        for points in [
+            [point(0.0, 0.0, 0.0), point(0.0, 1.7, 0.0), point(0.6, 1.0, 0.4)],
+            [point(-2.0, 0.0, 1.0), point(2.5, 1.7, 0.0), point(0.6, 1.0, 3.0)],
+        ] {
+            for (yaw_rad, pitch_rad) in [(0.0, 0.6), (2.0, 0.75), (4.5, 1.3)] {
+                let orbit = around(&points, yaw_rad, pitch_rad);
+                let camera_from_world = orbit.camera().camera_from_world;
+                let at = points.map(|point| camera_from_world * point.place);
+                let within = |share: fn(Vec3) -> f32| at.map(share).into_iter().fold(0.0, f32::max);
+                let wide = within(|place| place.x.abs() / place.z / TAN_HALF_WIDTH);
+                let high = within(|place| place.y.abs() / place.z / TAN_HALF_HEIGHT);
+                assert!(wide < 1.0 && high < 1.0, "{orbit:?}: {wide} {high}");
+                assert!(wide.max(high) > 0.7 || orbit.radius_m <= RADIUS_LEAST_M, "{orbit:?}: {wide} {high}");
+                let cut = orbit.radius_m / sine() - orbit.radius_m;
+                assert!(at.iter().all(|place| place.z > cut), "{orbit:?}");
+            }
+        }
     }
 }

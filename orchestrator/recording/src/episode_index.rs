@@ -12,9 +12,11 @@ use super::form::{Carries, Told};
 use super::origin::Origin;
 use super::reader::RecordingError;
 use super::reading::{MessageError, Reading};
+use super::schema::stillroom::StageSwitch;
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use prost::Message;
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::{KitchenId, Kitchens};
@@ -38,6 +40,9 @@ const NOTES_MOST: usize = 20;
 
 const ENDED_KEPT: usize = 100;
 
+/// Topic of messages that say which stage begins.
+const STAGES: &str = "/stage";
+
 /// Kitchen, environment, episode.
 pub type Key = (u32, u32, u32);
 
@@ -52,6 +57,8 @@ pub struct Shelved {
     pub end: Option<Ended>,
     pub target: Option<String>,
     pub fixed: Option<u32>,
+    /// That of the stage in which its last step was taken.
+    pub reward: Option<Arc<str>>,
     /// Chunks with messages about it: number of the file, offsets of the first and the last.
     places: Vec<(usize, u64, u64)>,
     from_its_start: bool,
@@ -105,6 +112,8 @@ struct Volume {
     length: u64,
     schemas: HashMap<u16, Vec<u8>>,
     channels: HashMap<u16, (Carries, Reading)>,
+    /// Number of the channel that says which stage begins.
+    switches: Option<u16>,
     config: Option<Arc<Setting>>,
     given_up: bool,
     caught_up: bool,
@@ -132,6 +141,8 @@ pub struct EpisodeIndex {
     newest: HashMap<Home, (Generation, u32)>,
     /// What the environments are called where their kitchen does not matter.
     homes: HashMap<(u32, u32), Home>,
+    /// Of the stage that began last.
+    reward: Option<Arc<str>>,
     met: u64,
     is_full: bool,
     /// Of every kitchen the episodes that ended last, the newest last.
@@ -155,6 +166,7 @@ impl EpisodeIndex {
             episodes: BTreeMap::new(),
             newest: HashMap::new(),
             homes: HashMap::new(),
+            reward: None,
             met: 0,
             is_full: false,
             ended: HashMap::new(),
@@ -190,6 +202,10 @@ impl EpisodeIndex {
     /// All episodes that count: not those that a learner had played before it went back.
     pub fn episodes(&self) -> impl Iterator<Item = (Key, &Shelved)> {
         self.episodes.iter().filter(|(key, _)| self.counts(key)).map(|(key, shelved)| (*key, shelved))
+    }
+
+    pub fn get(&self, key: Key) -> Option<&Shelved> {
+        self.episodes.get(&key)
     }
 
     fn newest(&self, environment: (u32, u32)) -> Option<u32> {
@@ -270,7 +286,18 @@ impl EpisodeIndex {
             self.numbers.insert(path.clone(), self.volumes.len());
             let (schemas, channels) = (HashMap::new(), HashMap::new());
             let (given_up, caught_up) = (false, false);
-            self.volumes.push(Volume { path, offset, length, schemas, channels, config: None, given_up, caught_up });
+            let (switches, config) = (None, None);
+            self.volumes.push(Volume {
+                path,
+                offset,
+                length,
+                schemas,
+                channels,
+                switches,
+                config,
+                given_up,
+                caught_up,
+            });
         }
     }
 
@@ -336,6 +363,11 @@ impl EpisodeIndex {
                         return false;
                     }
                 }
+                Found::Message(channel, data) if volume.switches == Some(channel) => {
+                    if let Ok(switch) = StageSwitch::decode(data.as_slice()) {
+                        self.reward = Some(switch.reward.into());
+                    }
+                }
                 Found::Message(channel, data) => {
                     if let Some((carries, reading)) = volume.channels.get(&channel)
                         && let Ok(told) = reading.read(&data)
@@ -357,6 +389,7 @@ impl EpisodeIndex {
             Carries::Start => 0,
             Carries::End => told.engine.length,
         };
+        let reward = self.reward.clone();
         let Some(shelved) = self.shelved(whose, generation, step, place) else { return };
         match carries {
             Carries::Start => {}
@@ -364,6 +397,7 @@ impl EpisodeIndex {
                 shelved.from_its_start |= step == 0;
                 shelved.target = shelved.target.take().or_else(|| target(&setting.declared, told));
                 shelved.fixed = told.engine.fixed_episode;
+                shelved.reward = reward;
                 shelved.steps = shelved.steps.max(step.saturating_add(1));
             }
             Carries::End => {
@@ -421,6 +455,9 @@ impl EpisodeIndex {
 
 impl Volume {
     fn meet(&mut self, id: u16, schema: u16, topic: &str) -> Result<(), MessageError> {
+        if topic == STAGES {
+            self.switches = Some(id);
+        }
         let Some(setting) = &self.config else { return Ok(()) };
         if let Some((carries, form)) = setting.declared.forms.of_topic(topic) {
             let descriptor = self.schemas.get(&schema).map_or(&[][..], Vec::as_slice);

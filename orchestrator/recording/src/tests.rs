@@ -8,9 +8,12 @@ use super::form::{Carries, Told};
 use super::reader::{Extent, RecordingError, read_with_trust};
 use super::recorder::segment::{CONFIG_ATTACHMENT, IDENTITY_METADATA, RECORDING_VERSION, identity};
 use super::repair::{Repair, repair};
+use super::schema::Schema;
+use super::schema::stillroom::StageSwitch;
 use super::wanted::Wanted;
 use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata, Record};
+use prost::Message;
 use proto::config::Config;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -105,6 +108,18 @@ impl RecordingsFolder {
 
     /// Writes a segment of the run's first incarnation; `edit` alters the configuration after the identity was made.
     fn segment(&self, segment: u32, config: &Config, said: &[Said], edit: impl Fn(String) -> String) -> PathBuf {
+        self.staged(segment, config, said, edit, None)
+    }
+
+    /// A segment that begins with a stage of this reward.
+    fn staged(
+        &self,
+        segment: u32,
+        config: &Config,
+        said: &[Said],
+        edit: impl Fn(String) -> String,
+        reward: Option<&str>,
+    ) -> PathBuf {
         let path = self.0.path().join(format!("{segment}.mcap"));
         let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
         let pairs = [
@@ -127,6 +142,14 @@ impl RecordingsFolder {
             let schema = writer.add_schema(&described.name, "protobuf", &described.descriptor).unwrap();
             writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap()
         });
+        if let Some(reward) = reward {
+            let described = Schema::of("stillroom.StageSwitch");
+            let schema = writer.add_schema(&described.name, "protobuf", &described.descriptor).unwrap();
+            let channel_id = writer.add_channel(schema, "/stage", "protobuf", &BTreeMap::new()).unwrap();
+            let header = MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+            let switch = StageSwitch { reward: reward.to_owned(), ..StageSwitch::default() };
+            writer.write_to_known_channel(&header, &switch.encode_to_vec()).unwrap();
+        }
         for (number, (carries, told)) in said.iter().enumerate() {
             let (channel_id, mut room) = (channels[*carries as usize], vec![]);
             let data = forms[*carries as usize].1.write(told, &mut room);

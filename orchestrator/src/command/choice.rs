@@ -44,6 +44,10 @@ impl Choice {
         self.kitchen.is_none() && self.environment.is_none() && self.episode.is_empty()
     }
 
+    pub fn kitchen(&self) -> Option<KitchenId> {
+        self.kitchen
+    }
+
     pub fn is_of_one_environment(&self) -> bool {
         self.environment.is_some()
     }

@@ -60,7 +60,9 @@ impl EnvironmentFlags {
         let tried = describe(&environment, &more, deadline(&given.over_defaults()?));
         let tried = tried.map_err(|error| if error.is::<Interrupted>() { error } else { wrong(error) });
         let Answer { description, environments, warnings } = tried?;
-        warnings.iter().for_each(|warning| terminal::note(&format!("warning: {warning}")));
+        for warning in &warnings {
+            terminal::note(&format!("warning: {warning}"));
+        }
         if let (Some(size), Some(given)) = (environments, given.environments_per_actor()?) {
             ensure!(
                 size == given,

@@ -23,6 +23,7 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:
   orchestrator replay runs/a                                        a few films, in runs/a/films
   orchestrator replay runs/a --only failure --newest 5              of the five newest failures
+  orchestrator replay runs/a --kitchen 26 --newest 1                of the newest episode in kitchen 26
   orchestrator replay runs/a --environment 3/0 --episode 12,40      of these episodes
   orchestrator replay EVALUATION --kitchen 26 --episode 6,7         the same, by the numbers of episodes.csv
   orchestrator replay runs/a --check                                every recorded episode, every state compared
@@ -42,10 +43,10 @@ pub struct ReplayArgs {
     #[arg(long, conflicts_with_all = ["only", "newest", "images", "format", "side"])]
     check: bool,
     /// Only of the newest that ended so.
-    #[arg(long, value_enum, conflicts_with_all = ["kitchen", "environment", "episode"])]
+    #[arg(long, value_enum, conflicts_with_all = ["environment", "episode"])]
     only: Option<Only>,
     /// Of the newest N episodes, however short [default: a few of each kind; with --only: 3, of more than five steps first].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), conflicts_with_all = ["kitchen", "environment", "episode"])]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), conflicts_with_all = ["environment", "episode"])]
     newest: Option<u16>,
     /// Write pictures into this folder; their names hold kitchen, episode, target and outcome [default: RUN/films; of a
     /// recording elsewhere: films].
@@ -94,7 +95,7 @@ impl Format {
 /// Runs the command. An error if anything differs from the recording; a status of its own if all agrees that is there,
 /// but not all is there.
 pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
-    let picks = !args.check && args.choice.is_all();
+    let picks = !args.check && (args.choice.is_all() || args.only.is_some() || args.newest.is_some());
     let (shares, incomplete) = if picks { (args.picked()?, false) } else { args.chosen()? };
     let images = if args.check { None } else { Some(args.images_wanted()?) };
     let films = shares.iter().map(|(_, episodes)| episodes.len()).sum::<usize>() as u64;
@@ -154,7 +155,8 @@ impl ReplayArgs {
             let folder = run_of(path).with_context(|| {
                 format!("{} lies in no run folder: choose with --episode, or --check it", path.display())
             })?;
-            for (setup, episode) in newest(&folder, self.only, self.newest.map(usize::from))? {
+            let count = self.newest.map(usize::from);
+            for (setup, episode) in newest(&folder, self.choice.kitchen(), self.only, count)? {
                 match shares.iter_mut().find(|(known, _)| *known == setup) {
                     Some((_, episodes)) => episodes.push(episode),
                     None => shares.push((setup, vec![episode])),

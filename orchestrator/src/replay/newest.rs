@@ -1,6 +1,7 @@
 use crate::output::terminal;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
+use proto::kitchen::KitchenId;
 use proto::replay::{RecordedEpisode, ReplaySetup};
 use proto::run_folder::RunFolder;
 use recording::Recordings;
@@ -41,6 +42,7 @@ impl Only {
 
 pub fn newest(
     folder: &RunFolder,
+    kitchen: Option<KitchenId>,
     only: Option<Only>,
     count: Option<usize>,
 ) -> Result<Vec<(ReplaySetup, RecordedEpisode)>> {
@@ -58,7 +60,8 @@ pub fn newest(
         Some(_) => Kind::Disturbed,
         None => Kind::Failure,
     };
-    let ended = index.episodes().filter_map(|(key, shelved)| {
+    let is_there = |(place, ..): Key| kitchen.is_none_or(|kitchen| place == kitchen.number());
+    let ended = index.episodes().filter(|(key, _)| is_there(*key)).filter_map(|(key, shelved)| {
         let end = shelved.end.as_ref().filter(|_| shelved.is_playable())?;
         Some(Candidate { key, order: shelved.order, kind: kind(&end.outcome), steps: shelved.steps })
     });

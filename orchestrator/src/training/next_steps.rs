@@ -37,6 +37,14 @@ fn look(program: &str, run: &str, config: &Config) -> Option<String> {
     }
 }
 
+/// The command that makes films of episodes of environments of one's own, which it names after that; none where they draw
+/// no pictures.
+pub fn film(program: &str, run: &Path, config: &Config) -> Option<String> {
+    let EnvironmentConfig { command, .. } = config.environment.as_ref()?;
+    let is_drawn = config.spec().restore != Restore::None && command.iter().any(|word| word == "stillroom");
+    is_drawn.then(|| format!("{program} replay {}", quoted(run)))
+}
+
 pub fn resume(program: &str, run: &Path) -> String {
     format!("{program} resume {}", quoted(run))
 }

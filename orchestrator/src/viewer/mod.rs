@@ -10,7 +10,7 @@ pub mod tail;
 mod watched;
 
 use crate::suite::Standing;
-use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::bounded::RESULT_BYTES_MOST;
 use proto::run_folder::RunFolder;
 use roster::{Entry, Roster};
 use std::collections::HashMap;
@@ -19,7 +19,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Runs, SuiteStanding};
+use view::data::{
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Recorded, Runs, SuiteStanding,
+};
 use watched::Watched;
 
 const LIST_EVERY: Duration = Duration::from_secs(2);
@@ -239,12 +241,23 @@ impl Runs for RunReaders {
         Ok(episode_table::pairs(&recorded))
     }
 
-    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode), Problem> {
+    fn recorded(&self, run: &str, key: EpisodeKey) -> Result<Recorded, Problem> {
         self.with(run, move |watched| watched.recorded(key))
     }
 
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.with(run, move |watched| Ok(watched.newest(kitchen, environment)))
+    }
+
+    fn report(&self, run: &str) -> Result<String, Problem> {
+        let suite = self.with(run, |watched| Ok(watched.suite().map(Path::to_owned)))?;
+        let page =
+            suite.as_deref().and_then(|suite| Some((RunFolder::new(suite), Standing::read(suite).ok()?.report()?)));
+        let (folder, page) =
+            page.ok_or_else(|| Problem::NotThere(format!("{run} is of no suite that has a report")))?;
+        let unreadable = |cause: String| Problem::Unreadable(format!("{}: {cause}", page.display()));
+        let bytes = folder.read(&page, RESULT_BYTES_MOST).map_err(|error| unreadable(error.to_string()))?;
+        String::from_utf8(bytes).map_err(|error| unreadable(error.to_string()))
     }
 }
 

@@ -24,7 +24,7 @@ use anyhow::{Context, Result};
 use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
 use proto::config::Config;
 use proto::evaluation::{EpisodeRecord, TABLE_FILE, read_table_from};
-use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::replay::ReplaySetup;
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::stage::total_frames;
 use proto::task::Spec;
@@ -35,7 +35,8 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use view::data::{
-    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, Problem, Stage, Start, Validated,
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, Made, Problem, Recorded, Stage,
+    Start, Validated,
 };
 
 /// How long recordings are read at a time: while a run is watched, each second; and for a table that somebody waits
@@ -247,6 +248,7 @@ impl Watched {
             indexed: self.episode_index.indexed(),
             notes: self.episode_index.notes.clone(),
             elsewhere: config.environment.is_some(),
+            films: next_steps::film(&next_steps::program(), self.folder.root(), &config),
             ..page
         })
     }
@@ -297,10 +299,11 @@ impl Watched {
         })
     }
 
-    pub fn recorded(&mut self, key: EpisodeKey) -> Result<(ReplaySetup, RecordedEpisode)> {
+    pub fn recorded(&mut self, key: EpisodeKey) -> Result<Recorded> {
         self.episode_index.advance(LOOK);
-        let taken = self.episode_index.take_out((key.kitchen, key.environment, key.episode))?;
-        let (config, recorded) = taken.ok_or_else(|| {
+        let place = (key.kitchen, key.environment, key.episode);
+        let taken = self.episode_index.take_out(place)?;
+        let (config, episode) = taken.ok_or_else(|| {
             let EpisodeKey { kitchen, environment, episode } = key;
             match self.episode_index.indexed() {
                 1.0.. => Problem::NotThere(format!(
@@ -311,13 +314,22 @@ impl Watched {
         })?;
         let folder = std::path::absolute(self.folder.root())?;
         let folder = folder.to_str().context("the run's folder has a name that is not text")?.to_owned();
-        Ok((ReplaySetup { config, folder: Some(folder), images: None }, recorded))
+        let shelved = self.episode_index.get(place);
+        let made = Made {
+            number: shelved.and_then(|shelved| shelved.fixed).unwrap_or(key.episode),
+            reward: shelved.and_then(|shelved| shelved.reward.as_deref()).map(str::to_owned),
+        };
+        Ok(Recorded { setup: ReplaySetup { config, folder: Some(folder), images: None }, episode, made })
     }
 
     pub fn newest(&mut self, kitchen: u32, environment: u32) -> Option<EpisodeKey> {
         self.episode_index.advance(LOOK);
         let (kitchen, environment, episode) = self.episode_index.last_of(kitchen, environment)?;
         Some(EpisodeKey { kitchen, environment, episode })
+    }
+
+    pub fn suite(&self) -> Option<&Path> {
+        self.entry.suite.as_deref()
     }
 
     fn notes(&self) -> impl Iterator<Item = &String> {

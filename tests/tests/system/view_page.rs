@@ -207,7 +207,7 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     // What stands beneath the pictures of its film.
     let caption = browser.value(
         "(async () => { const { caption } = await import('/film.js'); const outcome = 'time-limit'; \
-           return caption({ key: '3-0-41', last: 9, episode: { target: 'Mug', outcome } }, 12); })()",
+           return caption({ key: '3-0-17', last: 9, episode: { number: 41, target: 'Mug', outcome } }, 12); })()",
     );
     assert_eq!(caption, "kitchen 3, episode 41 · Mug · step 9 of 9 · time limit");
 

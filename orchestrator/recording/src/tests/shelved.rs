@@ -47,6 +47,23 @@ fn episodes_over_two_files_are_found_as_the_files_appear() {
     assert_eq!((first.target.as_deref(), first.end.as_ref().unwrap().outcome.as_str()), (Some("Apple"), "failure"));
 }
 
+/// The page showed another reward than the one that was trained.
+#[test]
+fn an_episode_is_of_the_stage_in_which_its_last_step_was_taken() {
+    let folder = RecordingsFolder::new();
+    let said = episodes(1);
+    let cut = said.iter().position(step(1, 1)).unwrap();
+    let rewards = || {
+        let mut shelf = EpisodeIndex::of(RunFolder::new(folder.0.path()));
+        assert!(shelf.advance(PATIENCE));
+        shelf.episodes().map(|(_, shelved)| shelved.reward.as_deref().map(str::to_owned)).collect::<Vec<_>>()
+    };
+    folder.staged(0, &Config::default(), &said[..cut], same, Some("r"));
+    assert_eq!(rewards(), [Some("r".to_owned()), Some("r".to_owned())]);
+    folder.staged(1, &Config::default(), &said[cut..], same, Some("r_prime"));
+    assert_eq!(rewards(), ["r", "r_prime", "r_prime", "r_prime"].map(|reward| Some(reward.to_owned())));
+}
+
 #[test]
 fn what_a_newer_learner_went_back_behind_is_void() {
     let folder = RecordingsFolder::new();
