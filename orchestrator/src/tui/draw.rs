@@ -89,7 +89,11 @@ fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let beside = area.width >= BESIDE && has_own_kitchens(model, live);
     let widths = match (beside, area.width >= TWO_COLUMNS) {
         (true, _) => {
-            vec![Constraint::Length(44), Constraint::Fill(1), Constraint::Length((area.width / 3).clamp(KITCHENS, 68))]
+            vec![
+                Constraint::Length(44),
+                Constraint::Fill(1),
+                Constraint::Length(panels::kitchens_width(live).min(area.width / 5 * 2).max(KITCHENS)),
+            ]
         }
         (false, true) => vec![Constraint::Length(44.min(area.width / 2 + 4)), Constraint::Fill(1)],
         (false, false) => vec![Constraint::Fill(1)],

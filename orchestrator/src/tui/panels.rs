@@ -186,6 +186,18 @@ fn share_bounds([least, greatest]: [f64; 2]) -> [f64; 2] {
     [low * STEP, (greatest / STEP).ceil().clamp(low + 1.0, 20.0) * STEP]
 }
 
+/// Columns of a kitchen's number and episodes.
+const KITCHEN_AND_EPISODES: u16 = 17;
+
+fn width(metric: &Described) -> u16 {
+    (metric.label.chars().count() as u16 + 1).max(7)
+}
+
+/// Columns in which every metric of the kitchens has room, with the frame.
+pub fn kitchens_width(live: &Live) -> u16 {
+    live.card.metrics.iter().map(width).fold(KITCHEN_AND_EPISODES + 2, u16::saturating_add)
+}
+
 pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     // They are read in the order of time: the newest that are known of few are of the run's beginning.
     let known = if live.indexed < 0.9 { &[] } else { &live.kitchens[..] };
@@ -193,8 +205,7 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let inner = area.width.saturating_sub(2);
     // Side by side where one below the other they do not fit.
     let blocks = if known.len() > height { (inner / KITCHEN_COLUMNS).clamp(1, 3) } else { 1 };
-    let width = |metric: &Described| (metric.label.chars().count() as u16 + 1).max(7);
-    let mut left = (inner / blocks).saturating_sub(17);
+    let mut left = (inner / blocks).saturating_sub(KITCHEN_AND_EPISODES);
     let fits = |metric: &&Described| left.checked_sub(width(metric)).map(|rest| left = rest).is_some();
     let metrics: Vec<&Described> = live.card.metrics.iter().take_while(fits).collect();
     let (shown, more) = window(known.len(), model.scrolled, height * usize::from(blocks));
@@ -216,7 +227,7 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
         )
     };
     let rows: Vec<Row> = (0..height.min(all.len())).map(row).collect();
-    let widths = || [8, 9].into_iter().chain(metrics.iter().map(|metric| width(metric))).map(Constraint::Length);
+    let widths = || [8, 9].into_iter().chain(metrics.iter().copied().map(width)).map(Constraint::Length);
     let labels = || ["kitchen", "episodes"].into_iter().chain(metrics.iter().map(|metric| metric.label.as_str()));
     let times = usize::from(blocks);
     let head = Row::new((0..times).flat_map(|_| labels())).bold();

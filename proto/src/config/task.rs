@@ -264,11 +264,7 @@ mod tests {
         };
         assert_eq!(with("of_images", "[84, 84, 4]").unwrap().spec().inputs().unwrap().images.len(), 1);
         for (name, shape, expected) in [
-            (
-                "of_small_images",
-                "[84, 35]",
-                "cannot take its image `screen` of the shape [84, 35]: they take images of 36 to",
-            ),
+            ("of_small_images", "[84, 35]", "cannot take its image `screen` of the shape [84, 35]: an image has 36 to"),
             ("of_many_channels", "[84, 84, 13]", "cannot take its image `screen` of the shape [84, 84, 13]"),
         ] {
             let found = with(name, shape).unwrap_err();

@@ -138,16 +138,17 @@ mod tests {
         let spec = Spec::parse(&description().declaration(more).unwrap()).unwrap();
         let names: Vec<&str> = spec.channels.iter().map(|channel| channel.name.as_str()).collect();
         assert_eq!(names, ["observation", "reward", "speed"]);
-        let mut keyed = description();
-        keyed.channels[0].key = Some("state".to_owned());
-        let image =
-            r#"channels = [{ name = "observation", role = "observation", dtype = "f32", shape = [4], doc = "" }]"#;
-        let spec = Spec::parse(&keyed.declaration(image).unwrap()).unwrap();
-        assert_eq!((&spec.channels[0].range, spec.channels[0].key.as_deref()), (&None, Some("state")));
         assert_eq!(spec.channels[1].range, Some([0.0, 1.0]));
         assert!(spec.rewards.len() == 2 && spec.cost().is_some());
         let ranking: Vec<&str> = spec.ranking().iter().map(|metric| metric.name.as_str()).collect();
         assert_eq!(ranking, ["fast", "score"]);
+        // A channel that the user declares anew stays where the environment has it.
+        let mut keyed = description();
+        keyed.channels[0].key = Some("state".to_owned());
+        let narrow = "channels = [{ name = \"observation\", role = \"observation\", dtype = \"f32\", shape = [4], \
+                      range = [-2.0, 2.0], doc = \"\" }]";
+        let Channel { range, key, .. } = &Spec::parse(&keyed.declaration(narrow).unwrap()).unwrap().channels[0];
+        assert_eq!((*range, key.as_deref()), (Some([-2.0, 2.0]), Some("state")));
         assert!(description().declaration("channels = 3").is_ok_and(|text| Spec::parse(&text).is_err()));
     }
 

@@ -159,9 +159,15 @@ mod tests {
     fn the_list_holds_every_point_of_the_sources() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let mut found = BTreeSet::new();
-        for source in
-            ["proto/src", "proto/wire/src", "actor/engine/src", "actor/src", "learner/src", "orchestrator/src"]
-        {
+        for source in [
+            "proto/src",
+            "proto/wire/src",
+            "actor/engine/src",
+            "actor/src",
+            "learner/src",
+            "orchestrator/src",
+            "orchestrator/recording/src",
+        ] {
             points_under(&root.join(source), &mut found);
         }
         let lists = [TRAINING, CREATION, VALIDATION, EVALUATION, SUITE].concat();
