@@ -1,8 +1,8 @@
 //! `orchestrator`: starts and supervises a run, shows how it stands, stops it, goes on with it, replays what it
 //! recorded. Each command is a file in [`command`].
 //!
-//! The program is [`main`]. What else can be named from outside is pure, and is there for the simulated world among the
-//! tests: the supervisor's machine ([`Supervisor`]) and the recorder's ledger ([`Ledger`]).
+//! The program is [`main`]. What else can be named from outside is the supervisor's machine ([`Supervisor`]): it is pure, and
+//! there for the simulated world among the tests.
 
 mod command;
 mod comparison;
