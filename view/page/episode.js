@@ -80,7 +80,7 @@ class Player {
     const kind = this.kinds[this.kind.selectedIndex];
     try {
       const made = await film(this.stages, this.last, kind, Number(this.speed.value), this.signal, (done) => { this.film.textContent = `${percent(done, 0)} filmed`; });
-      hand(made, `${this.stages.map((stage) => `${stage.run}-${stage.key.replace(/[^-]+$/, stage.episode.number)}`).join("-and-")}.${kind.ending}`);
+      hand(made, `${this.stages.map((stage) => `${stage.run}-${stage.key}`).join("-and-")}.${kind.ending}`);
       say("The film is saved.");
     } catch (error) {
       if (this.signal.aborted) return;
