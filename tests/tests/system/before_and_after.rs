@@ -168,7 +168,7 @@ fn films(workshop: &Workshop, browser: &mut Browser, last: u32) {
         text(&gif)
     );
     let expected = serde_json::json!([last + 1 + 20, 768, 288 + CAPTION]);
-    assert_eq!(browser.value(&decoded), expected, "a frame a step, the last for a second more, both beside each other");
+    assert_eq!(browser.value(&decoded), expected, "a frame a step, the last for a second more, one above the other");
     // The viewer's own page lets in nothing but its own pictures.
     browser.open("about:blank");
     browser.wait_for("location.href === 'about:blank' && document.readyState === 'complete'");
