@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use system_tests::{Browser, Viewer, Workshop, complete};
 
 /// Height of the line below a film's pictures, pixels.
-const CAPTION: u32 = 24;
+const CAPTION: u32 = 44;
 const FRAMES: u64 = 600;
 
 /// The checkpoint at the end of the first stage.
@@ -167,7 +167,7 @@ fn films(workshop: &Workshop, browser: &mut Browser, last: u32) {
          return [decoder.tracks.selectedTrack.frameCount, image.displayWidth, image.displayHeight]; }})()",
         text(&gif)
     );
-    let expected = serde_json::json!([last + 1 + 20, 768, 288 + CAPTION]);
+    let expected = serde_json::json!([last + 1 + 20, 384 + 288, 2 * (288 + CAPTION)]);
     assert_eq!(browser.value(&decoded), expected, "a frame a step, the last for a second more, one above the other");
     // The viewer's own page lets in nothing but its own pictures.
     browser.open("about:blank");
