@@ -5,7 +5,7 @@ use proto::run_folder::RunFolder;
 use std::path::PathBuf;
 use system_tests::{Browser, Viewer, Workshop, complete};
 
-/// Height of the line below a film's pictures, pixels.
+/// Height of the lines below a film's pictures, pixels.
 const CAPTION: u32 = 44;
 const FRAMES: u64 = 600;
 
@@ -179,5 +179,5 @@ fn films(workshop: &Workshop, browser: &mut Browser, last: u32) {
         kinds[0],
         text(&video)
     );
-    assert_eq!(browser.value(&played), serde_json::json!([1280, 480 + CAPTION]));
+    assert_eq!(browser.value(&played), serde_json::json!([640 + 480, 2 * (480 + CAPTION)]));
 }
