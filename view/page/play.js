@@ -12,6 +12,8 @@ const END = 2500;
 const LOOK = 400;
 /** So long without a step it says what it waits for, milliseconds. */
 const SILENCE = 1500;
+/** Number of the first procedural kitchen. */
+const FIRST_PROCEDURAL = 1000;
 
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
 class SceneRenderer {
@@ -91,7 +93,7 @@ class SceneRenderer {
     const newest = await this.newest();
     const { seen, skips } = this;
     // A procedural kitchen is one of many that its environment goes through: it has only some of the numbers.
-    const goesOn = newest && seen?.where === `${this.run} ${this.chosen}` && !skips && newest.split("-")[0] < 256;
+    const goesOn = newest && seen?.where === `${this.run} ${this.chosen}` && !skips && newest.split("-")[0] < FIRST_PROCEDURAL;
     if (!goesOn) return newest;
     const [kitchen, environment, number] = newest.split("-").map(Number);
     return `${kitchen}-${environment}-${Math.min(number, seen.number + 1)}`;

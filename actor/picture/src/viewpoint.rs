@@ -121,7 +121,7 @@ mod tests {
         assert!((seen(&model, &camera, &points).0 - 2.0).abs() < 1e-6);
     }
 
-    /// A ball around them was as high as a picture is wide: the robot's head was cut off.
+    /// A ball around the points is as high as it is wide, and a picture is not.
     #[test]
     fn a_picture_holds_all_points_and_no_more_than_it_has_to() {
         let point = |x: f32, y: f32, z: f32| Point { place: Vec3::new(x, y, z), weight: 1.0, slack_m: 0.1 };

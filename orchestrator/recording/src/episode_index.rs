@@ -12,6 +12,7 @@ use super::form::{Carries, Told};
 use super::origin::Origin;
 use super::reader::RecordingError;
 use super::reading::{MessageError, Reading};
+use super::schema::STAGES;
 use super::schema::stillroom::StageSwitch;
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
@@ -39,9 +40,6 @@ const EPISODES_MAX: usize = 1_000_000;
 const NOTES_MOST: usize = 20;
 
 const ENDED_KEPT: usize = 100;
-
-/// Topic of messages that say which stage begins.
-const STAGES: &str = "/stage";
 
 /// Kitchen, environment, episode.
 pub type Key = (u32, u32, u32);
@@ -129,7 +127,8 @@ enum Found {
     Schema(u16, Vec<u8>),
     /// Its number, that of its schema, its topic.
     Channel(u16, u16, String),
-    Message(u16, Vec<u8>),
+    /// Channel, time in nanoseconds since 1970, content.
+    Message(u16, u64, Vec<u8>),
 }
 
 pub struct EpisodeIndex {
@@ -141,8 +140,8 @@ pub struct EpisodeIndex {
     newest: HashMap<Home, (Generation, u32)>,
     /// What the environments are called where their kitchen does not matter.
     homes: HashMap<(u32, u32), Home>,
-    /// Of the stage that began last.
-    reward: Option<Arc<str>>,
+    /// Of each stage that has begun, by the time of its beginning, nanoseconds since 1970: only host 0 records it.
+    rewards: BTreeMap<u64, Arc<str>>,
     met: u64,
     is_full: bool,
     /// Of every kitchen the episodes that ended last, the newest last.
@@ -166,7 +165,7 @@ impl EpisodeIndex {
             episodes: BTreeMap::new(),
             newest: HashMap::new(),
             homes: HashMap::new(),
-            reward: None,
+            rewards: BTreeMap::new(),
             met: 0,
             is_full: false,
             ended: HashMap::new(),
@@ -247,7 +246,7 @@ impl EpisodeIndex {
                 offset = match next(&file, offset, volume.length).map_err(unreadable)? {
                     Next::Chunk(body, end) => {
                         for found in contents(&body).unwrap_or_default() {
-                            if let Found::Message(channel, data) = found
+                            if let Found::Message(channel, _, data) = found
                                 && let Some((carries, reading)) = volume.channels.get(&channel)
                                 && let Ok(told) = reading.read(&data)
                             {
@@ -363,17 +362,17 @@ impl EpisodeIndex {
                         return false;
                     }
                 }
-                Found::Message(channel, data) if volume.switches == Some(channel) => {
+                Found::Message(channel, time_ns, data) if volume.switches == Some(channel) => {
                     if let Ok(switch) = StageSwitch::decode(data.as_slice()) {
-                        self.reward = Some(switch.reward.into());
+                        self.rewards.insert(time_ns, switch.reward.into());
                     }
                 }
-                Found::Message(channel, data) => {
+                Found::Message(channel, time_ns, data) => {
                     if let Some((carries, reading)) = volume.channels.get(&channel)
                         && let Ok(told) = reading.read(&data)
                     {
                         let carries = *carries;
-                        self.take((number, at), carries, &told);
+                        self.take((number, at), time_ns, carries, &told);
                     }
                 }
             }
@@ -381,7 +380,7 @@ impl EpisodeIndex {
         true
     }
 
-    fn take(&mut self, place: (usize, u64), carries: Carries, told: &Told) {
+    fn take(&mut self, place: (usize, u64), time_ns: u64, carries: Carries, told: &Told) {
         let Some(setting) = self.volumes[place.0].config.clone() else { return };
         let (whose, generation) = told.engine.whose();
         let step = match carries {
@@ -389,7 +388,7 @@ impl EpisodeIndex {
             Carries::Start => 0,
             Carries::End => told.engine.length,
         };
-        let reward = self.reward.clone();
+        let reward = self.rewards.range(..=time_ns).next_back().map(|(_, reward)| Arc::clone(reward));
         let Some(shelved) = self.shelved(whose, generation, step, place) else { return };
         match carries {
             Carries::Start => {}
@@ -487,7 +486,9 @@ fn contents(body: &[u8]) -> Option<Vec<Found>> {
     each_record(body, |record| match record {
         Record::Schema { header, data } => found.push(Found::Schema(header.id, data.into_owned())),
         Record::Channel(channel) => found.push(Found::Channel(channel.id, channel.schema_id, channel.topic)),
-        Record::Message { header, data } => found.push(Found::Message(header.channel_id, data.into_owned())),
+        Record::Message { header, data } => {
+            found.push(Found::Message(header.channel_id, header.log_time, data.into_owned()));
+        }
         _ => {}
     })?;
     Some(found)

@@ -22,6 +22,9 @@ pub mod stillroom {
 
 pub const PROTOBUF: &str = "protobuf";
 
+/// Topic of [`stillroom::StageSwitch`].
+pub const STAGES: &str = "/stage";
+
 #[derive(Debug, Clone)]
 pub struct Schema {
     pub name: String,

@@ -108,10 +108,10 @@ impl RecordingsFolder {
 
     /// Writes a segment of the run's first incarnation; `edit` alters the configuration after the identity was made.
     fn segment(&self, segment: u32, config: &Config, said: &[Said], edit: impl Fn(String) -> String) -> PathBuf {
-        self.staged(segment, config, said, edit, None)
+        self.staged(segment, config, said, edit, None, 0)
     }
 
-    /// A segment that begins with a stage of this reward.
+    /// A segment from this time on, which begins with a stage of this reward, if any.
     fn staged(
         &self,
         segment: u32,
@@ -119,6 +119,7 @@ impl RecordingsFolder {
         said: &[Said],
         edit: impl Fn(String) -> String,
         reward: Option<&str>,
+        begins_ns: u64,
     ) -> PathBuf {
         let path = self.0.path().join(format!("{segment}.mcap"));
         let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
@@ -146,14 +147,14 @@ impl RecordingsFolder {
             let described = Schema::of("stillroom.StageSwitch");
             let schema = writer.add_schema(&described.name, "protobuf", &described.descriptor).unwrap();
             let channel_id = writer.add_channel(schema, "/stage", "protobuf", &BTreeMap::new()).unwrap();
-            let header = MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+            let header = MessageHeader { channel_id, sequence: 0, log_time: begins_ns, publish_time: begins_ns };
             let switch = StageSwitch { reward: reward.to_owned(), ..StageSwitch::default() };
             writer.write_to_known_channel(&header, &switch.encode_to_vec()).unwrap();
         }
         for (number, (carries, told)) in said.iter().enumerate() {
             let (channel_id, mut room) = (channels[*carries as usize], vec![]);
             let data = forms[*carries as usize].1.write(told, &mut room);
-            let time = number as u64;
+            let time = begins_ns + number as u64;
             let header = MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
             writer.write_to_known_channel(&header, data).unwrap();
         }

@@ -146,36 +146,18 @@ fn beside(program: &Path) -> Option<PathBuf> {
 
 /// Refuses a command whose quotation marks are not closed, or whose program is not there: a shell says less.
 fn check_command(command: &str) -> Result<()> {
-    let Some(word) = judged(first_word(command).with_context(|| format!("--env-command {command}")))? else {
+    // What a shell makes of these is its own.
+    let is_expanded = |word: &str| word.contains(['~', '*', '?', '[', '{', '(', ')', '<', '>', '|', '&', ';']);
+    if command.contains(['$', '`']) || command.split_whitespace().next().is_none_or(is_expanded) {
         return Ok(());
+    }
+    let Some(words) = shlex::split(command) else {
+        reject!("--env-command {command}: a quotation mark is not closed");
     };
-    let is_there = if word.contains('/') { Path::new(&word).is_file() } else { on_path(&word).is_some() };
+    let Some(word) = words.first() else { return Ok(()) };
+    let is_there = if word.contains('/') { Path::new(word).is_file() } else { on_path(word).is_some() };
     demand!(is_there, "--env-command {word}: there is no such file or program");
     Ok(())
-}
-
-/// The first word of a command, if it is the same after a shell has read it.
-fn first_word(command: &str) -> Result<Option<String>> {
-    let (mut word, mut quotation, mut is_plain, mut has_ended) = (String::new(), None, true, false);
-    let mut characters = command.trim_start().chars();
-    while let Some(one) = characters.next() {
-        match (quotation, one) {
-            // What a shell makes of the rest is its own.
-            (None | Some('"'), '$' | '`') | (None, '#') => return Ok(None),
-            (Some(mark), _) if mark == one => quotation = None,
-            (None, '\'' | '"') => quotation = Some(one),
-            (None, _) if one.is_whitespace() => has_ended = true,
-            (None, '~' | '*' | '?' | '[' | '{' | '(' | ')' | '<' | '>' | '|' | '&' | ';') => is_plain &= has_ended,
-            (None | Some('"'), '\\') => {
-                let next = characters.next();
-                word.extend(next.filter(|_| !has_ended));
-            }
-            _ if !has_ended => word.push(one),
-            _ => {}
-        }
-    }
-    ensure!(quotation.is_none(), "a quotation mark is not closed");
-    Ok(is_plain.then_some(word))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 use std::borrow::Cow;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
+use std::sync::LazyLock;
 
 const NAME: &str = "orchestrator";
 const OTHER: &str = "stillroom";
@@ -12,18 +13,17 @@ fn is_other(program: &str) -> bool {
     Path::new(program).file_name().is_some_and(|name| name == OTHER)
 }
 
-fn other_was_called() -> bool {
-    std::env::args_os().next().is_some_and(|program| is_other(&program.to_string_lossy()))
-}
+static OTHER_WAS_CALLED: LazyLock<bool> =
+    LazyLock::new(|| std::env::args_os().next().is_some_and(|program| is_other(&program.to_string_lossy())));
 
 /// The name by which a shell finds it.
 pub fn called() -> &'static str {
-    if other_was_called() { OTHER } else { NAME }
+    if *OTHER_WAS_CALLED { OTHER } else { NAME }
 }
 
 /// A text whose commands begin with the name that was called.
 pub fn as_called(text: &str) -> Cow<'_, str> {
-    if other_was_called() { Cow::Owned(with_other(text)) } else { Cow::Borrowed(text) }
+    if *OTHER_WAS_CALLED { Cow::Owned(with_other(text)) } else { Cow::Borrowed(text) }
 }
 
 /// Only commands: in quotation marks, or of an example that stands in a line of its own.
@@ -38,7 +38,7 @@ fn with_other(text: &str) -> String {
 
 /// Prints help or an error of the command line, and ends the program.
 pub fn exit(error: &clap::Error) -> ! {
-    if !other_was_called() {
+    if !*OTHER_WAS_CALLED {
         error.exit();
     }
     let is_terminal =
@@ -48,7 +48,7 @@ pub fn exit(error: &clap::Error) -> ! {
     let text = with_other(&if styled { text.ansi().to_string() } else { text.to_string() });
     let mut stream: Box<dyn Write> =
         if error.use_stderr() { Box::new(std::io::stderr()) } else { Box::new(std::io::stdout()) };
-    // Without a reader there is nobody to tell.
+    // Without a reader the text has no use.
     let _ = stream.write_all(text.as_bytes()).and_then(|()| stream.flush());
     std::process::exit(error.exit_code())
 }

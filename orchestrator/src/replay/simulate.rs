@@ -162,7 +162,7 @@ fn overheard(number: usize, errors: ChildStderr) -> Result<Receiver<String>> {
         for line in BufReader::new(errors).split(b'\n').map_while(std::io::Result::ok) {
             let line = String::from_utf8_lossy(&line);
             match line.strip_prefix(ERROR) {
-                // Nobody asks where another process has failed before.
+                // Where another process has failed before, nothing receives it.
                 Some(sentence) => drop(said.send(printable(sentence).into_owned())),
                 None => terminal::note(&line),
             }

@@ -70,20 +70,25 @@ impl Standing {
 
     /// What each run is at: `tiny-2 done, tiny-1 training`.
     pub fn each(&self) -> String {
-        let runs = self.in_order().into_iter().map(|(name, status)| format!("{name} {}", self.text(status)));
-        runs.collect::<Vec<_>>().join(", ")
+        self.text_of(&self.in_order())
     }
 
-    /// Where the run of this folder, or of this folder of an evaluation, stands in the order of the suite's file.
-    pub fn position(&self, run: &Path) -> String {
+    fn text_of(&self, runs: &[(&String, &Status)]) -> String {
+        runs.iter().map(|(name, status)| format!("{name} {}", self.text(status))).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Where the run of this folder, or of this folder of an evaluation, stands in the order of the suite's file; and in a
+    /// second line what each is at.
+    pub fn around(&self, run: &Path) -> String {
+        let runs = self.in_order();
         let of_run = || {
             let below = run.strip_prefix(self.folder.root().join("runs")).ok()?;
             let name = below.iter().next()?.to_str()?;
-            let number = self.in_order().iter().position(|(run, _)| *run == name)? + 1;
+            let number = runs.iter().position(|(run, _)| *run == name)? + 1;
             let status = self.text(&self.runs.get(name)?.status);
             Some(format!("suite {}: run {number} of {}, {status}", self.name, self.runs.len()))
         };
-        of_run().unwrap_or_else(|| self.summary())
+        format!("{}\n{}", of_run().unwrap_or_else(|| self.summary()), self.text_of(&runs))
     }
 
     /// Its report's page, where there is one.
@@ -113,12 +118,16 @@ mod tests {
 
         let standing = Standing::read(&root).unwrap();
         assert_eq!(standing.summary(), "suite small: 1 of 2 runs done, 1 evaluating");
-        let at = |path: &str| standing.position(&root.join(path));
+        let each = "tiny-2 done, tiny-1 evaluating (suite-test-novel-2)";
+        assert_eq!(standing.each(), each);
+        let at = |path: &str| {
+            let lines = standing.around(&root.join(path));
+            lines.strip_suffix(&format!("\n{each}")).map(str::to_owned).unwrap()
+        };
         assert_eq!(at("runs/tiny-2"), "suite small: run 1 of 2, done");
         let second = "suite small: run 2 of 2, evaluating (suite-test-novel-2)";
         assert_eq!(at("runs/tiny-1/evaluations/suite-test-novel-2"), second);
         assert_eq!(at("runs/other"), standing.summary());
-        assert_eq!(standing.each(), "tiny-2 done, tiny-1 evaluating (suite-test-novel-2)");
 
         assert_eq!(standing.report(), None);
         std::fs::create_dir(folder.report()).unwrap();

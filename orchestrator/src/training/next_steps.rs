@@ -26,13 +26,16 @@ pub fn full_run(program: &str, preset: &str, words: impl IntoIterator<Item = Str
     Some(format!("{program} up --preset {preset}{file}"))
 }
 
-/// How the episodes of a complete run are looked at. Only a program of Python says whether it draws pictures.
+/// Whether an environment of one's own may draw pictures: only a program of Python says so.
+fn is_drawn(EnvironmentConfig { command, .. }: &EnvironmentConfig) -> bool {
+    command.iter().any(|word| word == "stillroom")
+}
+
+/// How the episodes of a complete run are looked at.
 fn look(program: &str, run: &str, config: &Config) -> Option<String> {
     match &config.environment {
         Some(_) if config.spec().restore == Restore::None => None,
-        Some(EnvironmentConfig { command, .. }) if !command.iter().any(|word| word == "stillroom") => {
-            Some(line("check", &format!("{program} replay {run} --check")))
-        }
+        Some(environment) if !is_drawn(environment) => Some(line("check", &format!("{program} replay {run} --check"))),
         _ => Some(line("look", &format!("{program} replay {run}"))),
     }
 }
@@ -40,9 +43,9 @@ fn look(program: &str, run: &str, config: &Config) -> Option<String> {
 /// The command that makes films of episodes of environments of one's own, which it names after that; none where they draw
 /// no pictures.
 pub fn film(program: &str, run: &Path, config: &Config) -> Option<String> {
-    let EnvironmentConfig { command, .. } = config.environment.as_ref()?;
-    let is_drawn = config.spec().restore != Restore::None && command.iter().any(|word| word == "stillroom");
-    is_drawn.then(|| format!("{program} replay {}", quoted(run)))
+    let environment = config.environment.as_ref()?;
+    let has_films = config.spec().restore != Restore::None && is_drawn(environment);
+    has_films.then(|| format!("{program} replay {}", quoted(run)))
 }
 
 pub fn resume(program: &str, run: &Path) -> String {

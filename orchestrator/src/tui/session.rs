@@ -85,10 +85,7 @@ fn look(readers: &RunReaders, mut run: String, suite: Option<&Path>, sender: &Se
         }
         let live = readers.live(&run);
         let standing = suite.and_then(|suite| Standing::read(suite).ok());
-        let suite = standing.zip(live.as_ref().ok()).map(|(suite, live)| {
-            let position = suite.position(Path::new(&live.card.folder));
-            format!("{position}\n{}", suite.each())
-        });
+        let suite = standing.zip(live.as_ref().ok()).map(|(suite, live)| suite.around(Path::new(&live.card.folder)));
         let look = Look { live, curves, suite };
         if sender.send(News::Look(Box::new(look))).is_err() {
             return;

@@ -5,9 +5,9 @@ use crate::recorder::camera::{self, FrameNames};
 use crate::recorder::channels::{Images, Pose};
 use crate::recorder::held_back::{self, HeldBack};
 use crate::recorder::segment::{Segments, Topic};
-use crate::schema::Schema;
 use crate::schema::foxglove::{FrameTransforms, Log, log};
 use crate::schema::stillroom::{LearnerMetrics, StageSwitch, Validation};
+use crate::schema::{STAGES, Schema};
 use anyhow::Result;
 use prost::Message;
 use prost_types::Timestamp;
@@ -113,7 +113,7 @@ impl MessageWriter {
             episode_end: segments.topic("/episode/end", &forms.end.schema()),
             transforms: segments.topic("/tf", &Schema::of("foxglove.FrameTransforms")),
             metrics: segments.topic("/learner/metrics", &Schema::of("stillroom.LearnerMetrics")),
-            stage: segments.topic("/stage", &Schema::of("stillroom.StageSwitch")),
+            stage: segments.topic(STAGES, &Schema::of("stillroom.StageSwitch")),
             evaluation: segments.topic("/evaluation", &Schema::of("stillroom.Validation")),
             log: segments.topic("/log", &Schema::of("foxglove.Log")),
         };

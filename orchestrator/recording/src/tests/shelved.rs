@@ -47,21 +47,27 @@ fn episodes_over_two_files_are_found_as_the_files_appear() {
     assert_eq!((first.target.as_deref(), first.end.as_ref().unwrap().outcome.as_str()), (Some("Apple"), "failure"));
 }
 
-/// The page showed another reward than the one that was trained.
 #[test]
 fn an_episode_is_of_the_stage_in_which_its_last_step_was_taken() {
     let folder = RecordingsFolder::new();
     let said = episodes(1);
     let cut = said.iter().position(step(1, 1)).unwrap();
-    let rewards = || {
+    let rewards = |folder: &RecordingsFolder| {
         let mut shelf = EpisodeIndex::of(RunFolder::new(folder.0.path()));
         assert!(shelf.advance(PATIENCE));
         shelf.episodes().map(|(_, shelved)| shelved.reward.as_deref().map(str::to_owned)).collect::<Vec<_>>()
     };
-    folder.staged(0, &Config::default(), &said[..cut], same, Some("r"));
-    assert_eq!(rewards(), [Some("r".to_owned()), Some("r".to_owned())]);
-    folder.staged(1, &Config::default(), &said[cut..], same, Some("r_prime"));
-    assert_eq!(rewards(), ["r", "r_prime", "r_prime", "r_prime"].map(|reward| Some(reward.to_owned())));
+    folder.staged(0, &Config::default(), &said[..cut], same, Some("r"), 0);
+    assert_eq!(rewards(&folder), [Some("r".to_owned()), Some("r".to_owned())]);
+    folder.staged(1, &Config::default(), &said[cut..], same, Some("r_prime"), 1000);
+    assert_eq!(rewards(&folder), ["r", "r_prime", "r_prime", "r_prime"].map(|reward| Some(reward.to_owned())));
+
+    // Another host records no stages, and its files are read after those of host 0.
+    let folder = RecordingsFolder::new();
+    folder.staged(0, &Config::default(), &[], same, Some("r"), 0);
+    folder.staged(1, &Config::default(), &[], same, Some("r_prime"), 1000);
+    folder.staged(2, &Config::default(), &said, same, None, 0);
+    assert!(rewards(&folder).iter().all(|reward| reward.as_deref() == Some("r")) && rewards(&folder).len() == 4);
 }
 
 #[test]
