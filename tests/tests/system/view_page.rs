@@ -146,19 +146,23 @@ fn what_is_waited_for_is_said(browser: &mut Browser) {
            const { json } = await import('/dom.js'); \
            const { rows } = await json('/api/runs/watched/episodes?recorded=true&limit=1'); \
            const own = fetch; \
-           const planted = { own, root: document.createElement('div'), leaving: new AbortController() }; \
+           const planted = { own, root: document.createElement('div'), leaving: new AbortController(), names: [] }; \
            const held = new Promise((resolve) => { planted.go = resolve; }); \
            const ask = (path, options) => String(path).includes('/picture') ? new Promise(() => {}) \
              : held.then(() => own.call(window, path, options)); \
            Object.assign(window, { planted, fetch: ask }); \
            const { showEpisode } = await import('/episode.js'); \
            const { signal } = planted.leaving; \
-           showEpisode(planted.root, 'watched', rows[0].key, new URLSearchParams(), signal); \
+           const named = (name) => planted.names.push(name); \
+           showEpisode(planted.root, 'watched', rows[0].key, new URLSearchParams(), signal, named); \
          })()",
     );
     browser.wait_for("planted.root.textContent.includes('simulated again … 2 s')");
     browser.value("planted.go()");
     browser.wait_for("planted.root.querySelector('.picture')?.textContent.includes('The room is being drawn … 1 s')");
+    // The page has a title at once, and a name when the episode is known.
+    let names = "planted.names.length === 2 && /^kitchen \\d+, environment \\d+, episode \\d+$/.test(planted.names[1])";
+    assert_eq!(browser.value(names), true);
     // The room, what the robot sees, and the floor plan say that they are not there yet.
     assert_eq!(browser.value("planted.root.querySelectorAll('.waits > .busy').length"), 3);
     browser.value("planted.leaving.abort(); window.fetch = planted.own; 0");
