@@ -311,7 +311,11 @@ fn an_actor_that_never_comes_back_is_named_and_the_work_saved() {
     let mut rig = Rig::new("lost", config);
     let lost = rig.learner(&Plan::LoseActorAfter(1, 1));
     assert_eq!(lost.status.code(), Some(1), "{lost:?}");
-    assert!(lost.stderr.contains("actor 1 did not answer within 3 s"), "{}", lost.stderr);
+    assert!(
+        lost.stderr.contains("actor 1 did not answer within 6 s, twice learner.actor_deadline_s"),
+        "{}",
+        lost.stderr
+    );
     let told = lost.events.iter().any(|event| matches!(event, LearnerEvent::WaitingForActor { actor: 1, .. }));
     assert!(told, "{lost:?}");
     let saved = lost.events.iter().rev().find_map(|event| match event {

@@ -4,7 +4,7 @@
 use super::announcements::Announcements;
 use super::control::Control;
 use super::link::{Ports, Sample};
-use super::patience::{Patience, Waited};
+use super::patience::{DEADLINES, Patience, Waited};
 use super::stop::{OrchestratorGone, Stop};
 use crate::collector::{Boundary, Collector, ColumnMap, Lane, Missing, Noise, Received, Settings, Signals};
 use crate::shards::Shards;
@@ -20,7 +20,7 @@ use wire::{Standstill, Written, fault};
 const LOOK: Duration = Duration::from_millis(250);
 
 #[derive(Debug, thiserror::Error)]
-#[error("{actors} did not answer within {deadline_s:.0} s (learner.actor_deadline_s)")]
+#[error("{actors} did not answer within {deadline_s:.0} s, twice learner.actor_deadline_s")]
 pub struct Silent {
     actors: String,
     deadline_s: f64,
@@ -47,6 +47,8 @@ pub struct Conversation<'a, W> {
     control: Control<W>,
     gone: &'a OrchestratorGone,
     connected: bool,
+    /// An actor has started since the last look.
+    greeted: bool,
     standstill: Standstill,
     /// For how long the recorder had stood still when that was told last.
     pub(super) told_of_recorder: Duration,
@@ -80,6 +82,7 @@ impl<'a, W: Write> Conversation<'a, W> {
             control: Control::new(output, gone.clone()),
             gone,
             connected: false,
+            greeted: false,
             standstill: Standstill::default(),
             told_of_recorder: Duration::ZERO,
         }
@@ -119,6 +122,7 @@ impl<'a, W: Write> Conversation<'a, W> {
                 Received::Hello { actor, actor_incarnation } => {
                     tracing::debug!("actor {actor}, start number {actor_incarnation}, asks for its state");
                     self.restore(actor, actor_incarnation)?;
+                    self.greeted = true;
                 }
                 Received::Foreign => {
                     tracing::debug!("actor {} still follows learner {}", header.actor, header.learner_incarnation);
@@ -188,7 +192,8 @@ impl<'a, W: Write> Conversation<'a, W> {
             if missing.is_empty() {
                 return Ok(None);
             }
-            if self.recorder_stands_still()? {
+            // An actor that was started again has its time, too.
+            if std::mem::take(&mut self.greeted) || self.recorder_stands_still()? {
                 (began, patience) = (Instant::now(), Patience::new(self.actor_deadline_s));
             }
             let waited = began.elapsed();
@@ -210,7 +215,7 @@ impl<'a, W: Write> Conversation<'a, W> {
     fn silent(&self, missing: &[u32]) -> Silent {
         let named: Vec<String> = missing.iter().map(u32::to_string).collect();
         let plural = if named.len() == 1 { "actor" } else { "actors" };
-        Silent { actors: format!("{plural} {}", named.join(", ")), deadline_s: self.actor_deadline_s }
+        Silent { actors: format!("{plural} {}", named.join(", ")), deadline_s: DEADLINES * self.actor_deadline_s }
     }
 
     /// Reports, once, that all actors have answered.

@@ -2,8 +2,11 @@
 
 use std::time::Duration;
 
+/// The orchestrator kills an actor at its deadline; a learner gives up after as long again.
+pub const DEADLINES: f64 = 2.0;
+
 /// An actor that has not answered for this long is reported, and again after each [`NOTICE_INTERVAL`]. Both are at most
-/// a quarter of the deadline: the orchestrator kills the actor at half of it.
+/// half of the actor's deadline.
 const FIRST_NOTICE: Duration = Duration::from_secs(2);
 const NOTICE_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -22,8 +25,9 @@ pub enum Waited {
 }
 
 impl Patience {
-    pub fn new(deadline_s: f64) -> Self {
-        let deadline = Duration::try_from_secs_f64(deadline_s).unwrap_or(Duration::MAX);
+    /// `actor_deadline_s`: after how long the orchestrator kills an actor.
+    pub fn new(actor_deadline_s: f64) -> Self {
+        let deadline = Duration::try_from_secs_f64(DEADLINES * actor_deadline_s).unwrap_or(Duration::MAX);
         Self { deadline, notice: FIRST_NOTICE.min(deadline / 4) }
     }
 

@@ -33,8 +33,7 @@ pub struct Deadlines {
     /// No learner that writes a checkpoint is taken to hang before this: it waits for the disk, as it does for a recorder
     /// that stands still, and whoever were started in its place would wait, too.
     pub disk: Duration,
-    /// An actor that the learner has waited for this long, and that has run this long, is taken to hang, while it is
-    /// not known how long a rollout takes.
+    /// An actor that the learner has waited for this long, and that has run this long, is taken to hang.
     pub actor_silence: Duration,
     /// From a learner's `Finished` to its exit.
     pub learner_leaves: Duration,
@@ -54,12 +53,12 @@ impl Deadlines {
             actors: config.actors.count,
             restart: RestartPolicy::default(),
             learner_ready: Duration::from_mins(2),
-            actors_connected: actor_deadline + Duration::from_secs(30),
-            silence: Duration::from_secs_f64(config.longest_update_s()) + actor_deadline,
+            actors_connected: 2 * actor_deadline + Duration::from_secs(30),
+            silence: Duration::from_secs_f64(config.longest_update_s()) + 2 * actor_deadline,
             floor: Duration::from_secs_f64(config.learner.progress_deadline_s.min(1e6)),
             first_save: Duration::from_mins(3),
             disk: Standstill::DEADLINE,
-            actor_silence: actor_deadline / 2,
+            actor_silence: actor_deadline,
             learner_leaves: Duration::from_secs(30),
             // All leave at once, and share the cores.
             actor_leaves: Duration::from_secs(2) + Duration::from_millis(20) * config.actors.count,
@@ -119,8 +118,12 @@ impl Deadlines {
         }
     }
 
-    /// How long an actor may leave its learner waiting. An answer is a small part of a rollout.
+    /// How long an actor may leave its learner waiting. An answer of a kitchen is a small part of a rollout; how long an
+    /// environment of the user's own takes, its user says.
     pub(super) fn actor_patience(&self, pace: &Pace) -> Duration {
+        if self.kitchens == Kitchens::Elsewhere {
+            return self.actor_silence;
+        }
         let measured = self.measured(Work::Collect, pace).map(|longest| (longest * MARGIN).max(self.floor / 2));
         measured.unwrap_or(self.actor_silence).min(self.actor_silence)
     }
@@ -158,11 +161,13 @@ mod tests {
         pace.took(Work::Collect, seconds(1.0));
         assert_eq!(deadlines.actor_patience(&pace), seconds(30.0));
         pace.took(Work::Collect, seconds(9.0));
-        assert_eq!(
-            deadlines.actor_patience(&pace),
-            deadlines.actor_silence,
-            "never longer than the learner itself waits"
-        );
+        assert_eq!(deadlines.actor_patience(&pace), deadlines.actor_silence, "never longer than the deadline");
+        let mut of_another_simulator = deadlines;
+        of_another_simulator.kitchens = Kitchens::Elsewhere;
+        let mut quick = Pace::default();
+        quick.took(Work::Collect, seconds(0.1));
+        assert_eq!(deadlines.actor_patience(&quick), seconds(30.0));
+        assert_eq!(of_another_simulator.actor_patience(&quick), seconds(60.0), "as its user says");
     }
 
     /// The files of `deploy/` gave a run less time than it takes itself, and had it killed while it saved.

@@ -24,7 +24,7 @@ use super::event::{Action, Event, Exit, Level, Outcome, Process, Saved, SessionE
 use super::learner_group::{Bereaved, LearnerGroup};
 use super::messages::{
     actor_died, also, connected, died_at_stop, environment_error, environment_fails, given_up, immortal, killed_for_it,
-    killed_unready, learners_given_up, quote, ready, recorder_stands_still, rewinds, unanswering,
+    killed_unready, learners_given_up, needs_more_time, quote, ready, recorder_stands_still, rewinds, unanswering,
 };
 use super::overdue::{self, Overdue};
 use super::pace::Work;
@@ -303,7 +303,11 @@ impl Supervisor {
                 let next = self.children.incarnation(process) + 1;
                 self.report(Level::Warning, actor_died(&who, exit, last_words, next));
             }
-            Verdict::GiveUp { deaths } => self.fail(now, given_up(&who, "", deaths, exit, last_words)),
+            Verdict::GiveUp { deaths } => {
+                let slow = *exit == Exit::Killed;
+                let advice = if slow { needs_more_time(self.deadlines.actor_silence) } else { String::new() };
+                self.fail(now, given_up(&who, "", deaths, exit, last_words) + &advice);
+            }
         }
     }
 

@@ -121,7 +121,20 @@ pub fn learners_given_up(learners: usize, last: Process) -> (String, String) {
 
 pub fn given_up(who: &str, last: &str, deaths: usize, exit: &Exit, last_words: &[String]) -> String {
     let words = quote(last_words);
-    format!("{who} died {deaths} times while the run got no further, last {last}with {exit}{words}")
+    let how = match exit {
+        Exit::Code(_) | Exit::Signal(_) => format!("with {exit}"),
+        Exit::Killed | Exit::NotStarted(_) => exit.to_string(),
+    };
+    format!("{who} died {deaths} times while the run got no further, last {last}{how}{words}")
+}
+
+/// What to do about an actor that is killed again and again.
+pub fn needs_more_time(deadline: Duration) -> String {
+    let deadline_s = deadline.as_secs_f64();
+    format!(
+        "\nIf an answer may take longer than {deadline_s} s, begin a run with a larger learner.actor_deadline_s: a resumed \
+         one keeps it"
+    )
 }
 
 /// A process's last lines, indented below the report of its death: from its last logged error on, if there is one.

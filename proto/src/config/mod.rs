@@ -286,10 +286,11 @@ pub struct LearnerConfig {
     pub deterministic: bool,
     /// Threads of libtorch on the CPU, of each learner. Results differ in the last bits between thread counts.
     pub threads: u32,
-    /// How long to wait for an actor's observations before giving up, seconds.
+    /// An actor that a learner has waited for this long, seconds, is killed and starts again. In the kitchens it is killed
+    /// after ten times the longest of the last rollouts, if that is less.
     pub actor_deadline_s: f64,
     /// Learners that finish neither a rollout nor an update for ten times as long as the last ones took are taken to
-    /// hang and started again, but not before this time, seconds. An actor that a learner waits for: half of it.
+    /// hang and started again, but not before this time, seconds. An actor in a kitchen: half of it.
     pub progress_deadline_s: f64,
 }
 
@@ -463,7 +464,7 @@ impl Default for LearnerConfig {
             encoder_precision: EncoderPrecision::Auto,
             deterministic: true,
             threads: 1,
-            actor_deadline_s: 120.0,
+            actor_deadline_s: 60.0,
             progress_deadline_s: 60.0,
         }
     }

@@ -63,7 +63,7 @@ impl Setup {
         config.actors.count = actors;
         config.actors.environments_per_actor = dice.below(4) + 1;
         config.learner.count = learners;
-        config.learner.actor_deadline_s = 120.0;
+        config.learner.actor_deadline_s = 60.0;
         config.ppo.rollout_steps = dice.below(5) + 2;
         config.ppo.overlap = seed % 3 == 2;
         config.episode.max_steps = MAX_STEPS;
