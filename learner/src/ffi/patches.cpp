@@ -8,6 +8,7 @@
 #include "product.h"
 #include <ATen/ATen.h>
 #include <algorithm>
+#include <cstring>
 #include <memory>
 #include <torch/csrc/autograd/custom_function.h>
 
@@ -43,12 +44,19 @@ struct Geometry {
     }
 };
 
+// Runs are short where there are few channels, too short to call a function for each.
+void copy(const float *from, int64_t count, float *to) {
+    int64_t i = 0;
+    for (; i + 8 <= count; i += 8) std::memcpy(to + i, from + i, 8 * sizeof(float));
+    for (; i < count; i++) to[i] = from[i];
+}
+
 // All patches of an image, one after another.
 void gather(const Geometry &g, const float *map, float *patches) {
     for (int64_t y = 0; y < g.out_height(); y++)
         for (int64_t x = 0; x < g.out_width(); x++, patches += g.patch()) {
             if (g.padding > 0) std::fill(patches, patches + g.patch(), 0.0f);
-            g.runs(y, x, [&](int64_t from, int64_t to, int64_t count) { std::copy_n(map + from, count, patches + to); });
+            g.runs(y, x, [&](int64_t from, int64_t to, int64_t count) { copy(map + from, count, patches + to); });
         }
 }
 
@@ -89,8 +97,9 @@ Geometry geometry(const at::Tensor &x, const at::Tensor &weight, int64_t stride,
 
 at::Tensor forward_of(const Geometry &g, const at::Tensor &x, const at::Tensor &weight, const at::Tensor &bias) {
     auto y = at::empty({g.images, g.outputs, g.out_height(), g.out_width()}, x.options(), at::MemoryFormat::ChannelsLast);
-    const at::Tensor maps = channels_last(x), rows = by_patches(weight);
-    const float *const from = maps.const_data_ptr<float>(), *const w = rows.const_data_ptr<float>();
+    // [size, size, channels, outputs]: side by side for each term, as the product reads them.
+    const at::Tensor maps = channels_last(x), terms = weight.permute({2, 3, 1, 0}).contiguous();
+    const float *const from = maps.const_data_ptr<float>(), *const w = terms.const_data_ptr<float>();
     const float *const b = bias.numel() > 0 ? bias.const_data_ptr<float>() : nullptr;
     float *const to = y.mutable_data_ptr<float>();
     by_images(g, g.images, [&](int64_t begin, int64_t end, float *patches) {
@@ -98,8 +107,8 @@ at::Tensor forward_of(const Geometry &g, const at::Tensor &x, const at::Tensor &
         const int64_t columns = (end - begin) * g.pixels();
         float *const out = to + begin * g.pixels() * g.outputs;
         if (b)
-            for (int64_t i = 0; i < columns; i++) std::copy_n(b, g.outputs, out + i * g.outputs);
-        Product{g.outputs, columns, g.patch(), 1.0f, b ? 1.0f : 0.0f, {w, g.patch(), 1}, {patches, g.patch(), 1}, out, g.outputs}
+            for (int64_t i = 0; i < columns; i++) copy(b, g.outputs, out + i * g.outputs);
+        Product{g.outputs, columns, g.patch(), 1.0f, b ? 1.0f : 0.0f, {w, 1, g.outputs}, {patches, g.patch(), 1}, out, g.outputs}
             .part(0, g.outputs, 0, columns);
     });
     return y;

@@ -35,6 +35,21 @@ constexpr int64_t SHARE = 96;
 constexpr int64_t WORTH_A_THREAD = 1 << 17;
 constexpr int64_t MOST_SUMS = 32 * 12;
 
+// Four rows of four terms, which lie side by side in `m`, term after term.
+void transpose(float *out, int64_t width, const float *m, int64_t row) {
+#if defined(__SSE__)
+    __m128 a = _mm_loadu_ps(m), b = _mm_loadu_ps(m + row), c = _mm_loadu_ps(m + 2 * row), d = _mm_loadu_ps(m + 3 * row);
+    _MM_TRANSPOSE4_PS(a, b, c, d);
+    _mm_storeu_ps(out, a);
+    _mm_storeu_ps(out + width, b);
+    _mm_storeu_ps(out + 2 * width, c);
+    _mm_storeu_ps(out + 3 * width, d);
+#else
+    for (int64_t k = 0; k < 4; k++)
+        for (int64_t i = 0; i < 4; i++) out[k * width + i] = m[i * row + k];
+#endif
+}
+
 // Rows [begin, end) of a matrix over the terms [from, to), in strips of WIDTH rows: term after term, the strip's rows
 // side by side. What the last strip lacks is zero.
 template <int64_t WIDTH> void pack(float *out, Matrix m, int64_t begin, int64_t end, int64_t from, int64_t to) {
@@ -42,26 +57,26 @@ template <int64_t WIDTH> void pack(float *out, Matrix m, int64_t begin, int64_t 
     for (int64_t strip = begin; strip < end; strip += WIDTH, out += WIDTH * depth) {
         const int64_t rows = std::min(WIDTH, end - strip);
         const float *data = m.data + strip * m.row + from * m.column;
+        int64_t k = 0;
         if (rows < WIDTH) {
             std::fill(out, out + WIDTH * depth, 0.0f);
-            for (int64_t k = 0; k < depth; k++)
-                for (int64_t i = 0; i < rows; i++) out[k * WIDTH + i] = data[i * m.row + k * m.column];
         } else if (m.row == 1) {
-            for (int64_t k = 0; k < depth; k++)
+            for (; k < depth; k++)
                 for (int64_t i = 0; i < WIDTH; i++) out[k * WIDTH + i] = data[k * m.column + i];
-        } else {
+        } else if (m.column == 1 && WIDTH % 4 == 0) {
             // Few terms at a time: what is written stays in the first cache until its line is full.
-            for (int64_t block = 0; block < depth; block += 16)
-                for (int64_t i = 0; i < WIDTH; i++)
-                    for (int64_t k = block; k < std::min(depth, block + 16); k++)
-                        out[k * WIDTH + i] = data[i * m.row + k * m.column];
+            for (; k + 16 <= depth; k += 16)
+                for (int64_t i = 0; i < WIDTH; i += 4)
+                    for (int64_t t = k; t < k + 16; t += 4) transpose(out + t * WIDTH + i, WIDTH, data + i * m.row + t, m.row);
         }
+        for (; k < depth; k++)
+            for (int64_t i = 0; i < rows; i++) out[k * WIDTH + i] = data[i * m.row + k * m.column];
     }
 }
 
-// Sums of rows x columns chains, column after column: `left` holds `rows` numbers for each of `depth` terms, `right`
-// holds `columns`.
-using Chains = void (*)(int64_t depth, const float *left, const float *right, float *sums);
+// Sums of rows x columns chains, column after column: `left` holds `rows` numbers for each of `depth` terms, `right` is
+// a matrix with a row for each column of sums.
+using Chains = void (*)(int64_t depth, const float *left, Matrix right, float *sums);
 
 using Pack = void (*)(float *out, Matrix m, int64_t begin, int64_t end, int64_t from, int64_t to);
 
@@ -72,15 +87,16 @@ struct Kernel {
 };
 
 #if defined(__x86_64__)
-__attribute__((target("avx2,fma"))) void chains_avx2(int64_t depth, const float *left, const float *right, float *sums) {
+__attribute__((target("avx2,fma"))) void chains_avx2(int64_t depth, const float *left, Matrix right, float *sums) {
+    const float *first = right.data, *last = first + 3 * right.row;
     __m256 sum[6][2];
 #pragma GCC unroll 6
     for (int j = 0; j < 6; j++) sum[j][0] = sum[j][1] = _mm256_setzero_ps();
-    for (int64_t k = 0; k < depth; k++, left += 16, right += 6) {
+    for (int64_t k = 0; k < depth; k++, left += 16, first += right.column, last += right.column) {
         const __m256 x0 = _mm256_load_ps(left), x1 = _mm256_load_ps(left + 8);
 #pragma GCC unroll 6
         for (int j = 0; j < 6; j++) {
-            const __m256 y = _mm256_broadcast_ss(right + j);
+            const __m256 y = _mm256_broadcast_ss(j < 3 ? first + j * right.row : last + (j - 3) * right.row);
             sum[j][0] = _mm256_fmadd_ps(x0, y, sum[j][0]);
             sum[j][1] = _mm256_fmadd_ps(x1, y, sum[j][1]);
         }
@@ -93,18 +109,24 @@ __attribute__((target("avx2,fma"))) void chains_avx2(int64_t depth, const float 
 }
 
 __attribute__((target("avx512f"))) void
-chains_avx512(int64_t depth, const float *left, const float *right, float *sums) {
+chains_avx512(int64_t depth, const float *left, Matrix right, float *sums) {
+    // Four pointers, so that all twelve addresses are one of them and a multiple of the stride.
+    const float *y[4];
+#pragma GCC unroll 4
+    for (int j = 0; j < 4; j++) y[j] = right.data + 3 * j * right.row;
     __m512 sum[12][2];
 #pragma GCC unroll 12
     for (int j = 0; j < 12; j++) sum[j][0] = sum[j][1] = _mm512_setzero_ps();
-    for (int64_t k = 0; k < depth; k++, left += 32, right += 12) {
+    for (int64_t k = 0; k < depth; k++, left += 32) {
         const __m512 x0 = _mm512_load_ps(left), x1 = _mm512_load_ps(left + 16);
 #pragma GCC unroll 12
         for (int j = 0; j < 12; j++) {
-            const __m512 y = _mm512_set1_ps(right[j]);
-            sum[j][0] = _mm512_fmadd_ps(x0, y, sum[j][0]);
-            sum[j][1] = _mm512_fmadd_ps(x1, y, sum[j][1]);
+            const __m512 value = _mm512_set1_ps(y[j / 3][j % 3 * right.row]);
+            sum[j][0] = _mm512_fmadd_ps(x0, value, sum[j][0]);
+            sum[j][1] = _mm512_fmadd_ps(x1, value, sum[j][1]);
         }
+#pragma GCC unroll 4
+        for (int j = 0; j < 4; j++) y[j] += right.column;
     }
 #pragma GCC unroll 12
     for (int j = 0; j < 12; j++) {
@@ -113,25 +135,27 @@ chains_avx512(int64_t depth, const float *left, const float *right, float *sums)
     }
 }
 #elif defined(__aarch64__)
-void chains_neon(int64_t depth, const float *left, const float *right, float *sums) {
+void chains_neon(int64_t depth, const float *left, Matrix right, float *sums) {
+    const float *y = right.data;
     float32x4_t sum[6][4] = {};
-    for (int64_t k = 0; k < depth; k++, left += 16, right += 6) {
+    for (int64_t k = 0; k < depth; k++, left += 16, y += right.column) {
         const float32x4x4_t x = vld1q_f32_x4(left);
 #pragma GCC unroll 6
         for (int j = 0; j < 6; j++)
 #pragma GCC unroll 4
-            for (int i = 0; i < 4; i++) sum[j][i] = vfmaq_n_f32(sum[j][i], x.val[i], right[j]);
+            for (int i = 0; i < 4; i++) sum[j][i] = vfmaq_n_f32(sum[j][i], x.val[i], y[j * right.row]);
     }
     for (int j = 0; j < 6; j++)
         for (int i = 0; i < 4; i++) vst1q_f32(sums + 16 * j + 4 * i, sum[j][i]);
 }
 #endif
 
-void chains_plain(int64_t depth, const float *left, const float *right, float *sums) {
+void chains_plain(int64_t depth, const float *left, Matrix right, float *sums) {
+    const float *y = right.data;
     std::fill(sums, sums + 16 * 6, 0.0f);
-    for (int64_t k = 0; k < depth; k++, left += 16, right += 6)
+    for (int64_t k = 0; k < depth; k++, left += 16, y += right.column)
         for (int j = 0; j < 6; j++)
-            for (int i = 0; i < 16; i++) sums[16 * j + i] = std::fma(left[i], right[j], sums[16 * j + i]);
+            for (int i = 0; i < 16; i++) sums[16 * j + i] = std::fma(left[i], y[j * right.row], sums[16 * j + i]);
 }
 
 constexpr Kernel PLAIN{16, 6, chains_plain, pack<16>, pack<6>};
@@ -233,16 +257,21 @@ void Product::part(int64_t row, int64_t last_row, int64_t column, int64_t last_c
         const int64_t n_end = std::min(last_column, n + BLOCK_COLUMNS);
         for (int64_t k = 0; k < depth; k += DEPTH) {
             const int64_t k_end = std::min(depth, k + DEPTH), terms = k_end - k;
-            kernel.pack_right(b, right, n, n_end, k, k_end);
+            // Where the terms of a row lie side by side, they are read where they are, but for the last few rows.
+            const int64_t packed = right.column == 1 ? n_end - (n_end - n) % kernel.columns : n;
+            kernel.pack_right(b, right, packed, n_end, k, k_end);
             for (int64_t m = row; m < last_row; m += BLOCK_ROWS) {
                 const int64_t m_end = std::min(last_row, m + BLOCK_ROWS);
                 kernel.pack_left(a, left, m, m_end, k, k_end);
-                for (int64_t j = n; j < n_end; j += kernel.columns)
+                for (int64_t j = n; j < n_end; j += kernel.columns) {
+                    const Matrix strip = j < packed ? Matrix{right.data + j * right.row + k, right.row, 1}
+                                                    : Matrix{b + (j - packed) * terms, 1, kernel.columns};
                     for (int64_t i = m; i < m_end; i += kernel.rows) {
-                        kernel.chains(terms, a + (i - m) * terms, b + (j - n) * terms, sums);
+                        kernel.chains(terms, a + (i - m) * terms, strip, sums);
                         const int64_t rows = std::min(kernel.rows, m_end - i), columns = std::min(kernel.columns, n_end - j);
                         add(*this, sums, kernel, i, rows, j, columns, k == 0);
                     }
+                }
             }
         }
     }
