@@ -83,6 +83,7 @@ setup:
 # Of the workspace, so that all other commands find the same features compiled; the program `chaos` is not for users.
 build: setup
 	cargo build --release --locked --workspace --bin orchestrator --bin actor --bin learner
+	@ln -sfn orchestrator target/release/stillroom # its name for users
 
 # A shared library for simulators in other languages. Of the workspace, so that nothing is compiled twice.
 library: build

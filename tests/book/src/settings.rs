@@ -26,8 +26,8 @@ These keys are changed most; the others can stay as the preset has them:
 | [`validation.every_frames`](#validation) | how often checkpoints are evaluated |
 
 A key is given in a file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. A line has the
-key, its default in preset `paper` (`orchestrator config PRESET` prints another's) and, in parentheses, the allowed
-values. The end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. `orchestrator up --env`,
+key, its default in preset `paper` (`stillroom config PRESET` prints another's) and, in parentheses, the allowed
+values. The end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. `stillroom up --env`,
 `up --from` and `eval` write `[environment]`, `[from]` and `[evaluation]`.
 
 This page is made from the sources: `cargo test --release --workspace --test pages` compares it.
