@@ -83,6 +83,7 @@ setup:
 # Of the workspace, so that all other commands find the same features compiled; the program `chaos` is not for users.
 build: setup
 	cargo build --release --locked --workspace --bin orchestrator --bin actor --bin learner
+	@ln -sfn orchestrator target/release/stillroom # its name for users
 
 # A shared library for simulators in other languages. Of the workspace, so that nothing is compiled twice.
 library: build
@@ -98,12 +99,12 @@ uninstall:
 # Ctrl-C is the orchestrator's, which saves and stops; the shell waits for it, and make adds no "Error" of its own.
 up: build
 	@interrupted=; trap 'interrupted=yes' INT; \
-	$(if $(LIBTORCH),LIBTORCH='$(LIBTORCH)') ./target/release/orchestrator up $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
+	$(if $(LIBTORCH),LIBTORCH='$(LIBTORCH)') ./target/release/stillroom up $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
 # The policy is in the checkout: no run is needed.
 play: build
 	@interrupted=; trap 'interrupted=yes' INT; \
-	./target/release/orchestrator play $(if $(POLICY),'$(POLICY)') $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
+	./target/release/stillroom play $(if $(POLICY),'$(POLICY)') $(ARGS) || { code=$$?; [ "$$interrupted" ] || exit $$code; }
 
 # .config/nextest.toml says what `make test` leaves out; plain cargo leaves out nothing.
 nextest := cargo nextest run --release --locked --workspace --no-fail-fast

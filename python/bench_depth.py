@@ -245,17 +245,18 @@ def picture(path: Path, pairs: list[tuple[str, NDArray[Any], NDArray[Any]]]) -> 
     from PIL import Image, ImageDraw
 
     columns, gap, caption = 4, 6, 16
-    width, height = SIDE + gap, 2 * SIDE + caption + 3 * gap
+    width, height = SIDE + gap, 2 * (SIDE + caption) + gap
     sheet = Image.new("L", (columns * width + gap, -(-len(pairs) // columns) * height), 255)
     for index, (name, *images) in enumerate(pairs):
         left, top = gap + index % columns * width, index // columns * height
-        ImageDraw.Draw(sheet).text((left, top + 2), name, fill=0)
+        ImageDraw.Draw(sheet).text((left, top + 2), f"{name}: MuJoCo", fill=0)
         inverse = [1 / image for image in images]
         far, near = np.quantile(inverse[1][images[1] < 0.99 * images[1].max()], [0.02, 0.98])
         for place, image in enumerate(inverse):
             shade = 8 + 224 * np.clip((near - image) / max(near - far, 1e-9), 0, 1)
             shade = np.where(images[place] < 0.99 * images[1].max(), shade, 255).astype(np.uint8)
-            sheet.paste(Image.fromarray(shade), (left, top + caption + place * (SIDE + gap)))
+            sheet.paste(Image.fromarray(shade), (left, top + caption + place * (SIDE + caption)))
+        ImageDraw.Draw(sheet).text((left, top + SIDE + caption + 2), "Stillroom", fill=0)
     sheet.quantize(64).save(path, optimize=True)
 
 

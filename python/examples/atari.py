@@ -1,6 +1,6 @@
 """An Atari game as DQN sees it: four grey images of 84 x 84. `pip install ale-py opencv-python-headless` brings it.
 
-orchestrator up --env python/examples/atari.py:make_env --config python/examples/atari.toml --run runs/breakout
+stillroom up --env python/examples/atari.py:make_env --config python/examples/atari.toml --run runs/breakout
 """
 
 from __future__ import annotations

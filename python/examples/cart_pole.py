@@ -1,6 +1,6 @@
 """CartPole, served by a program of your own.
 
-orchestrator up --env-command "python python/examples/cart_pole.py" --run runs/cart-pole
+stillroom up --env-command "python python/examples/cart_pole.py" --run runs/cart-pole
 """
 
 from __future__ import annotations

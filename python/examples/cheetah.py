@@ -1,6 +1,6 @@
 """A MuJoCo task with a cost: a half cheetah runs ahead, and does not exceed a speed limit.
 
-orchestrator up --env python/examples/cheetah.py:make_env --config python/examples/cheetah_stages.toml \
+stillroom up --env python/examples/cheetah.py:make_env --config python/examples/cheetah_stages.toml \
     --env-declaration python/examples/cheetah.toml
 
 Limit and cost are those of Safety-Gymnasium's `SafetyHalfCheetahVelocity-v1`, whose package wants an older Gymnasium.

@@ -1,6 +1,6 @@
 """A simulator of your own, with a cost: walk to the end of a corridor, and do not bump into its walls.
 
-orchestrator up --env python/examples/corridor.py:make_env --env-declaration python/examples/corridor.toml
+stillroom up --env python/examples/corridor.py:make_env --env-declaration python/examples/corridor.toml
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A MuJoCo task whose environments are restored from snapshots, with three forces as its actions.
 
-orchestrator up --env python/examples/pendulum.py:make_env --run runs/pendulum
+stillroom up --env python/examples/pendulum.py:make_env --run runs/pendulum
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A task that needs memory: what is shown at a corridor's start says where to turn at its end (Bakker 2002).
 
-orchestrator up --preset gym --env python/examples/t_maze.py:make_env --frames 30000 --set network.memory=gru \
+stillroom up --preset gym --env python/examples/t_maze.py:make_env --frames 30000 --set network.memory=gru \
     --set network.hidden=32 --set ppo.rollout_steps=64
 
 With `lstm` it is learnt too; with `none` the mean return stays near 0.

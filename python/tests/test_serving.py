@@ -408,7 +408,7 @@ def test_a_process_answers_with_its_description_alone(tmp_path: Path):
     done = subprocess.run([*command[:-1]], capture_output=True, text=True, check=False, cwd=tmp_path)
     assert (done.returncode, done.stderr.splitlines()[-1]) == (
         2,
-        "stillroom: error: --actor is missing: the orchestrator starts this, `orchestrator up --env ...`",
+        "stillroom: error: --actor is missing: the orchestrator starts this, `stillroom up --env ...`",
     )
 
 

@@ -81,7 +81,7 @@ let token = "";
 // Storage is of one origin: no other port of the machine reads it, as it would get a cookie.
 try { token = localStorage.getItem("token") ?? ""; } catch { /* This browser keeps nothing: the address holds the token. */ }
 
-/** Takes the token out of the address that `orchestrator view` printed; whether it was there. */
+/** Takes the token out of the address that `stillroom view` printed; whether it was there. */
 export function takeToken() {
   const shown = /^#token=([\w-]+)$/.exec(location.hash)?.[1];
   if (!shown) return false;
@@ -115,7 +115,7 @@ export async function ask(path, { waits, ...options } = {}) {
       answer = await fetch(path, { ...options, headers: { Authorization: `Bearer ${token}` } });
     } catch (error) {
       if (error.name === "AbortError") throw error;
-      throw new Error("the viewer does not answer: is `orchestrator view` still there?");
+      throw new Error("the viewer does not answer: is `stillroom view` still there?");
     }
     if (answer.ok) return answer;
     const text = await answer.text();

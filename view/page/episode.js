@@ -155,7 +155,7 @@ export async function showCompare(root, runs, query, signal) {
   }
   const { total, better, rows } = found;
   if (!total && !chosen) {
-    replace(root, notice("The two have no recorded episode in common. Evaluate both on the same episodes with `orchestrator eval RUN --record all`."));
+    replace(root, notice("The two have no recorded episode in common. Evaluate both on the same episodes with `stillroom eval RUN --record all`."));
     return;
   }
   const pairs = new Map(rows.map((pair) => [pair.map(({ key }) => key).join("~"), pair]));

@@ -108,7 +108,7 @@ export async function showList(root, query, signal) {
       hint.hidden = !together.hidden || cards.length < 2;
       // Rows are new elements: the keyboard stays where it was.
       if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
-      empty.textContent = cards.length ? "" : "No run yet. Start one with `orchestrator up`: it appears here.";
+      empty.textContent = cards.length ? "" : "No run yet. Start one with `stillroom up`: it appears here.";
     } catch (error) {
       if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 4 + metrics.length }, notice(error.message, "error")))); }
     }

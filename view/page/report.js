@@ -1,4 +1,4 @@
-// A report: what runs came to, over seeds and beside the paper. `orchestrator report` puts its data into the page.
+// A report: what runs came to, over seeds and beside the paper. `stillroom report` puts its data into the page.
 
 import { css, h, hand, replace } from "./dom.js";
 import { action, count, number, percent, short } from "./format.js";
@@ -154,7 +154,7 @@ class Page {
 
   /** Every group in every field. */
   evaluated() {
-    if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (orchestrator eval RUN).");
+    if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (stillroom eval RUN).");
     const metrics = ([task, found]) => {
       const { ranking } = this.report.tasks[task];
       const printed = this.printed(task, found[0].result);
@@ -315,7 +315,7 @@ class Page {
 
   /** One episode of each run, as two policies play it where both were recorded. */
   strips() {
-    if (!this.episodes.length) return this.none("One episode in pictures: no run has a recorded evaluation (orchestrator eval RUN --record all). Before and after stage II: evaluate the checkpoint at stage I's end, too (orchestrator eval RUN/checkpoints/rollout-NUMBER.json --record all).");
+    if (!this.episodes.length) return this.none("One episode in pictures: no run has a recorded evaluation (stillroom eval RUN --record all). Before and after stage II: evaluate the checkpoint at stage I's end, too (stillroom eval RUN/checkpoints/rollout-NUMBER.json --record all).");
     const pictures = ({ caption, strips }, index) => {
       const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
         h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.map((each, at) => [at ? ", " : "", h("span", { style: { "white-space": "nowrap" } }, each)]))))))),

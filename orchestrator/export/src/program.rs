@@ -18,7 +18,7 @@ pub(crate) fn of_kitchens(policy: &Policy, model: &str, actions: usize) -> Strin
 import numpy, onnxruntime, stillroom
 
 policy, random = onnxruntime.InferenceSession("{model}"), numpy.random.default_rng(1)
-env = stillroom.ArmPointNav(
+env = stillroom.KitchenEnv(
     7, action_space="{action_space}", carried_goal="{carried_goal}", max_steps={max_steps},
     start_distance_max_m={start}, goal_distance_max_m={goal},
 )

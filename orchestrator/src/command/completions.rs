@@ -1,4 +1,4 @@
-use crate::output::terminal;
+use crate::output::{name, terminal};
 use anyhow::{Context, Result};
 use clap_complete::Shell;
 
@@ -18,9 +18,8 @@ pub struct CompletionsArgs {
 }
 
 pub fn run(args: &CompletionsArgs, mut line: clap::Command) -> Result<()> {
-    let name = line.get_name().to_owned();
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut line, name, &mut script);
+    clap_complete::generate(args.shell, &mut line, name::called(), &mut script);
     let script = String::from_utf8(script).context("the completions are no text")?;
     terminal::out(script.trim_end());
     Ok(())

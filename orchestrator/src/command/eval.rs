@@ -32,8 +32,9 @@ const ENVIRONMENTS_MAX: u32 = 32;
 /// A run whose episodes have short distances is asked for such episodes, drawn alike for every policy; any other
 /// one plays the fixed episodes. A run in scenes of its own is evaluated there. --kitchens chooses procedural kitchens,
 /// such as a run in kitchens without end has never seen. A run with an environment of your own plays episodes of fixed
-/// seeds. The same weights and seed give the same table, whatever the number of actors (docs/evaluation.md). Without a run, `--preset` evaluates the weights that a fresh run begins with: a nearly
-/// uniform policy, the baseline of a random one. Exit status 1 without a result.
+/// seeds. On the CPU the same weights, seed, --actors and --environments give the same table; another number of either
+/// may change the last bits of the network's output (docs/evaluation.md). Without a run, `--preset` evaluates the weights
+/// that a fresh run begins with: a nearly uniform policy, the baseline of a random one. Exit status 1 without a result.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator eval runs/a --split test --objects novel     the paper's main table: 5 kitchens, 360 episodes each

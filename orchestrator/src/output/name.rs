@@ -28,10 +28,10 @@ pub fn as_called(text: &str) -> Cow<'_, str> {
 
 /// Only commands: in quotation marks, or of an example that stands in a line of its own.
 fn with_other(text: &str) -> String {
-    let command = |before: &str, name: &str| format!("{before}{name} ");
     let mut text = text.to_owned();
-    for before in ["`", "\n  "] {
-        text = text.replace(&command(before, NAME), &command(before, OTHER));
+    // Help is wrapped, also between a command's words.
+    for (before, after) in [("`", " "), ("`", "\n"), ("\n  ", " ")] {
+        text = text.replace(&format!("{before}{NAME}{after}"), &format!("{before}{OTHER}{after}"));
     }
     text
 }
@@ -63,5 +63,6 @@ mod tests {
         let text = "the orchestrator ended: `orchestrator resume RUN`\nExamples:\n  orchestrator up   trains";
         let other = "the orchestrator ended: `stillroom resume RUN`\nExamples:\n  stillroom up   trains";
         assert_eq!(with_other(text), other);
+        assert_eq!(with_other("as `orchestrator\nscale` does"), "as `stillroom\nscale` does");
     }
 }

@@ -18,7 +18,7 @@ pub enum Pin {
     /// `false`: none, the kernel chooses. `true`: each learner and its actors have the cores near the learner's GPU,
     /// divided where several GPUs have the same; without GPUs all cores are divided among the learners.
     Automatic(bool),
-    /// A list: of its cores, those that `true` would choose.
+    /// A list: as `true`, but with these cores alone.
     Cores(Vec<u32>),
 }
 

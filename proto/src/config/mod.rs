@@ -107,8 +107,8 @@ pub struct Config {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ActorsConfig {
-    /// Actor processes; actor i simulates training kitchen i, repeating after 19. With `scenes`, or in an evaluation,
-    /// it is scene i, or kitchen i of the split; with procedural kitchens each of its environments has its own.
+    /// Actor processes. Actor i simulates training kitchen i, repeating after 19; with `scenes` scene i; in an
+    /// evaluation kitchen i of the split. With procedural kitchens each environment has its own.
     pub count: u32,
     /// Environments in each.
     pub environments_per_actor: u32,
@@ -169,7 +169,7 @@ pub struct PpoConfig {
     /// Where they are normalised: over each minibatch in place of the rollout.
     pub normalize_by_minibatch: bool,
     /// Treat an end by the step limit as a truncation: the last action's advantage contains the value of the observation
-    /// after it, in a task with images of the one before it. The paper's code treats such an end as any other.
+    /// after it (in a task with images: before it). The paper's code treats such an end as any other.
     pub bootstrap_time_limits: bool,
     /// Environments that go through forward and backward at once; gradients add up to those of the whole batch.
     /// 0 = all, or with `learner.shards` all of a shard. A smaller number bounds memory.
@@ -268,8 +268,8 @@ pub enum EncoderPrecision {
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
     /// Learner processes; the actors are divided among them. All take every step of the optimiser together, with the
-    /// sum of their gradients (DD-PPO). They take the steps of one, but for the last bits and the negatives of `cpca16`.
-    /// On CUDA learner i computes on device i.
+    /// sum of their gradients (DD-PPO). One learner would take the same steps, except for the last bits and for the
+    /// negatives of `cpca16`. On CUDA learner i computes on device i.
     pub count: u32,
     /// Parts that the actors are divided into, so that 1, 2, 4, ... learners train the same weights bit for bit (on
     /// GPUs of one kind): each part is computed by itself. 0 = a learner's actors are one part; else at least `count`,

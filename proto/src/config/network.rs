@@ -74,7 +74,7 @@ impl Memory {
     }
 }
 
-/// What follows on each layer of `mlp`.
+/// Function after each layer of `mlp`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Activation {
@@ -145,9 +145,9 @@ pub struct NetworkConfig {
     /// Widths of the layers that see the numbers of a task without a frame. With a memory or images there is one stack of
     /// them, else one for the actor and one for the critic.
     pub mlp: Vec<u32>,
-    /// What follows on each of them.
+    /// Function after each layer of `mlp`.
     pub activation: Activation,
-    /// What they, the actor and the critic begin with.
+    /// First weights of these layers, of the actor and of the critic.
     pub initial: InitialWeights,
     /// Logarithm of the standard deviations that a box's numbers begin with.
     pub log_std: f64,

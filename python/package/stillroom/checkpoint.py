@@ -122,7 +122,7 @@ def load(path: str | PathLike[str], *, rollout: int | None = None, verify: bool 
 
     Args:
         path: a run folder (its newest complete checkpoint), `RUN/best` or another folder with checkpoints, one of a
-            checkpoint's files, a policy file (`orchestrator export --format safetensors`), or a safetensors file with
+            checkpoint's files, a policy file (`stillroom export --format safetensors`), or a safetensors file with
             weights alone.
         rollout: of a folder, the checkpoint with this number instead of the newest.
         verify: compare the SHA-256 that the manifest, or a policy file, names.

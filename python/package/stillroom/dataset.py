@@ -1,6 +1,6 @@
 """Recorded episodes as Parquet tables or as a LeRobotDataset v3.
 
-The input is a folder of `orchestrator export --format npz`. Needs pandas, pyarrow and pillow:
+The input is a folder of `stillroom export --format npz`. Needs pandas, pyarrow and pillow:
 
     python -m stillroom.dataset parquet ARRAYS OUT    # steps.parquet and episodes.parquet
     python -m stillroom.dataset lerobot ARRAYS OUT
@@ -68,7 +68,7 @@ def to_parquet(arrays: Path, out: Path) -> None:
         rows.append({name: value.item() if isinstance(value, np.generic) else value for name, value in row.items()})
         first += count
     if writer is None:
-        raise ValueError(f"{arrays}: no episode-*.npz: `orchestrator export RUN --format npz --out DIR` makes them")
+        raise ValueError(f"{arrays}: no episode-*.npz: `stillroom export RUN --format npz --out DIR` makes them")
     writer.close()
     seed = {"seed": pa.array([row.pop("seed") for row in rows], pa.uint64())}
     episodes = pa.Table.from_pylist(rows)
@@ -143,7 +143,7 @@ def to_lerobot(arrays: Path, out: Path) -> None:
         all_stats.append(stats)
         total += count
     if not all_stats:
-        raise ValueError(f"{arrays}: no episode-*.npz: `orchestrator export RUN --format npz --out DIR` makes them")
+        raise ValueError(f"{arrays}: no episode-*.npz: `stillroom export RUN --format npz --out DIR` makes them")
     data.close()
     episodes.close()
     index = pd.Index(tasks, name="task")
@@ -310,7 +310,7 @@ def main() -> None:
     """`python -m stillroom.dataset`."""
     parser = argparse.ArgumentParser("python -m stillroom.dataset", description=__doc__.split("\n")[0])
     parser.add_argument("format", choices=["parquet", "lerobot"])
-    parser.add_argument("arrays", type=Path, help="folder of `orchestrator export --format npz`")
+    parser.add_argument("arrays", type=Path, help="folder of `stillroom export --format npz`")
     parser.add_argument("out", type=Path, help="folder to be made")
     given = parser.parse_args()
     try:

@@ -64,7 +64,7 @@ class KitchenEnv(Simulated, gymnasium.Env):
             scene: TOML file of a scene of your own, instead of a kitchen.
             number: which environment of its kitchen this is; environments with other numbers sample other episodes.
             task: one of `stillroom.tasks()`; the preset's without one.
-            preset: preset whose settings these are (`orchestrator config` lists them); the following override it.
+            preset: preset whose settings these are (`stillroom config` lists them); the following override it.
             reward: "r" (the task), "r_prime" (minus `disturbance_weight` for each metre of displacement), or a function
                 of the reward's parts.
             disturbance_weight: reward of one metre less displacement in "r_prime", and for it only; 15 in the paper.

@@ -241,7 +241,7 @@ class _Files:
                 if number == len(lines):
                     break
                 path = self.root / name
-                raise RunError(f"{path}, line {number} is damaged: `orchestrator resume` mends it") from error
+                raise RunError(f"{path}, line {number} is damaged: `stillroom resume` mends it") from error
             # They ascend: what this one makes void stands at the end.
             while voids and kept and next(reversed(kept)) >= rollout:
                 kept.popitem()

@@ -1,7 +1,7 @@
 """Environments of your own in a run: the interpreter that serves them is the actor's process.
 
-`orchestrator up --env gymnasium:CartPole-v1` starts `python -m stillroom serve gymnasium:CartPole-v1` for each actor. A
-program of your own does the same with `stillroom.serve(make_env)`, and is started by `orchestrator up --env-command`.
+`stillroom up --env gymnasium:CartPole-v1` starts `python -m stillroom serve gymnasium:CartPole-v1` for each actor. A
+program of your own does the same with `stillroom.serve(make_env)`, and is started by `stillroom up --env-command`.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _run(
             raise SystemExit(0)
         missing = [name for name in ("actor", "wire", "config") if getattr(arguments, name) is None]
         if missing:
-            raise Refused(f"--{missing[0]} is missing: the orchestrator starts this, `orchestrator up --env ...`")
+            raise Refused(f"--{missing[0]} is missing: the orchestrator starts this, `stillroom up --env ...`")
         actor = Actor(arguments.actor, arguments.incarnation, arguments.wire, arguments.config)
         # Before the actor joins the run: they may start processes of their own.
         envs, vectors = _made_for_actor(make_env, actor.environments)

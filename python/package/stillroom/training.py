@@ -79,7 +79,7 @@ class Training:
         return load(self.path)
 
     def stop(self) -> None:
-        """Has the run save a checkpoint and end; `orchestrator resume` goes on with it."""
+        """Has the run save a checkpoint and end; `stillroom resume` goes on with it."""
         if self.is_running:
             done = subprocess.run(
                 [self._orchestrator, "stop", str(self.path)], capture_output=True, text=True, check=False
@@ -120,7 +120,7 @@ def train(
     """Starts a run on environments of your own, and returns when it has begun. Whatever is wrong is a RunError.
 
     Args:
-        make_env: a function that makes an environment, or its name as `orchestrator up --env` takes it. Actors are
+        make_env: a function that makes an environment, or its name as `stillroom up --env` takes it. Actors are
             processes of their own: they import the function from its file, which must not train when it is imported
             (`if __name__ == "__main__":`). One of a notebook is written to a file beside the run, and so imports within
             itself all that it uses.
@@ -128,7 +128,7 @@ def train(
         run: the run's folder, which is made; otherwise one in `runs/`, named by the time.
         env_kwargs: keyword arguments for `make_env`: what JSON can say.
         settings: by name, such as {"ppo.learning_rate": 1e-3} (docs/settings.md).
-        options: further words for `orchestrator up`, such as ["--seed", "7", "--actors", "4"].
+        options: further words for `stillroom up`, such as ["--seed", "7", "--actors", "4"].
         orchestrator: the program.
     """
     # A notebook's interpreter does not activate its environment.
@@ -142,7 +142,7 @@ def train(
     frames = whole("frames", frames, 2**63 - 1, 1)
     path = Path(run) if run is not None else Path("runs") / time.strftime("%Y%m%d-%H%M%S-train")
     if path.exists():
-        raise RunError(f"{path} is there already: give another folder, or `orchestrator resume {path}`")
+        raise RunError(f"{path} is there already: give another folder, or `stillroom resume {path}`")
     env = make_env if isinstance(make_env, str) else _place(make_env, path)
     command = [program, "up", "--run", str(path), "--frames", str(frames), "--env", env, "--python", sys.executable]
     if env_kwargs:

@@ -18,7 +18,7 @@ pub const REASONS: [(&str, &str); 9] = [
 pub enum How {
     /// A test runs it as it stands.
     Run,
-    /// A test runs it, and `orchestrator up` gets a tiny network and few frames.
+    /// A test runs it, and `stillroom up` gets a tiny network and few frames.
     RunSmall,
     NotRun,
     /// It says nothing, or something that means nothing.

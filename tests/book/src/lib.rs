@@ -2,7 +2,7 @@
 //! all settings as it has to be.
 //!
 //! Every block of shell commands says what becomes of it: `sh,run` is run as it stands, `sh,run=small` with a tiny
-//! network and few frames for `orchestrator up`, `sh,norun=REASON` is not run. A block with `from=PATH:ANCHOR` is a copy of
+//! network and few frames for `stillroom up`, `sh,norun=REASON` is not run. A block with `from=PATH:ANCHOR` is a copy of
 //! that source.
 
 mod block;

@@ -20,15 +20,19 @@ These keys are changed most; the others can stay as the preset has them:
 | [`stages`](#stages) | each stage's reward and frames; `--frames` scales them |
 | [`actors.count`, `actors.environments_per_actor`](#actors) | processes, and environments in each |
 | [`learner.count`](#learner) | how many GPUs train |
-| [`ppo.learning_rate`, `ppo.rollout_steps`](#ppo) | size of an update, frames between updates |
+| [`ppo.rollout_steps`, `ppo.minibatches`](#ppo) | the batch: actors × environments × rollout steps / minibatches |
+| [`ppo.learning_rate`](#ppo) | size of an optimiser's step |
+| [`network.memory`](#network) | GRU or LSTM; `none` turns it off |
 | [`kitchens.source`](#kitchens) | nineteen kitchens, or procedural ones |
 | [`recording.depth_share`](#recording) | disk space |
 | [`validation.every_frames`](#validation) | how often checkpoints are evaluated |
 
 A key is given in a file as in `[ppo]`, `clip = 0.2`, or on the command line as `--set ppo.clip=0.2`. A line has the
-key, its default in preset `paper` (`orchestrator config PRESET` prints another's) and, in parentheses, the allowed
-values. The end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. `orchestrator up --env`,
+key, its default in preset `paper` (`stillroom config PRESET` prints another's) and, in parentheses, the allowed
+values. The end of a name is its unit: `_s` seconds, `_m` metres, `_steps`, `_frames`, `_bytes`. `stillroom up --env`,
 `up --from` and `eval` write `[environment]`, `[from]` and `[evaluation]`.
+
+Not settings: the robot's and the camera's dimensions, such as the camera's height of 1.58 m (`docs/method.md`).
 
 This page is made from the sources: `cargo test --release --workspace --test pages` compares it.
 

@@ -7,7 +7,7 @@ use std::os::unix::fs::symlink;
 use std::process::{Command, Stdio};
 use system_tests::{Printed, Workshop, binary, complete, root};
 
-/// What `run=small` adds to `orchestrator up`, where the page does not say otherwise.
+/// What `run=small` adds to `stillroom up`, where the page does not say otherwise.
 const SMALL: &str = "\
 --set learner.device=cpu --set learner.threads=1 --set learner.actor_deadline_s=240 --set network.encoder=cnn \
 --set network.input_pool=4 --set network.hidden=32 --set ppo.rollout_steps=10 --set ppo.epochs=2 \
@@ -31,7 +31,7 @@ fn is_run(block: &Block) -> bool {
 /// The budget of `resume` where a page has one: more than the few frames of `up`.
 const LONGER: &str = "600";
 
-/// A program `orchestrator` that gives `up` a tiny network and few frames, and `resume` few more.
+/// A program `stillroom` that gives `up` a tiny network and few frames, and `resume` few more.
 fn write_small(workshop: &Workshop) {
     let mut script = format!("#!/bin/sh\nprogram='{}'\n", binary("orchestrator").display());
     // Each word in its turn goes to the end.
@@ -48,17 +48,14 @@ fn write_small(workshop: &Workshop) {
     }
     // Before the page's own settings, which win.
     writeln!(script, "exec \"$program\" up {SMALL} \"$@\"").expect("a string");
-    workshop.script("small/orchestrator", &script);
+    workshop.script("small/stillroom", &script);
 }
 
 fn shell(workshop: &Workshop, block: &Block) -> Printed {
     let programs = binary("orchestrator").parent().expect("a program is in a folder").to_owned();
-    let small = workshop.path("small");
+    let own = workshop.path(if block.how() == How::RunSmall { "small" } else { "named" });
     let path = std::env::var("PATH").unwrap_or_default();
-    let path = match block.how() {
-        How::RunSmall => format!("{}:{}:{path}", small.display(), programs.display()),
-        _ => format!("{}:{path}", programs.display()),
-    };
+    let path = format!("{}:{}:{path}", own.display(), programs.display());
     let mut command = workshop.program("sh");
     command.args(["-euc", &block.text]).current_dir(workshop.path("page")).env("PATH", path);
     complete(command)
@@ -68,10 +65,12 @@ fn shell(workshop: &Workshop, block: &Block) -> Printed {
 fn follow(path: &str) {
     let page = page(path);
     let workshop = Workshop::new();
-    for folder in ["page", "small"] {
+    for folder in ["page", "small", "named"] {
         std::fs::create_dir(workshop.path(folder)).expect("a writable temporary folder");
     }
     write_small(&workshop);
+    // The name that users type.
+    symlink(binary("orchestrator"), workshop.path("named/stillroom")).expect("a writable temporary folder");
     for folder in LINKED {
         let there = root().join(folder).canonicalize().expect("a folder of the checkout");
         symlink(there, workshop.path("page").join(folder)).expect("a writable temporary folder");
@@ -139,7 +138,7 @@ fn commands_that_are_not_run_have_options_that_exist() {
     for (path, blocks) in documents {
         for block in blocks.iter().filter(|block| block.language() == "sh") {
             for call in block.calls() {
-                // In a wheel `stillroom` is another name of `orchestrator`.
+                // `stillroom` is another name of `orchestrator`.
                 let program = call[0].rsplit('/').next().unwrap().replace("stillroom", "orchestrator");
                 // `...` stands for what the reader adds.
                 let mut words: Vec<&str> = call[1..].iter().map(String::as_str).filter(|word| *word != "...").collect();

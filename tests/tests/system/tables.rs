@@ -154,12 +154,18 @@ fn an_installation_brings_pages_and_completions_and_takes_them_away() {
         ("bash-completion/completions/orchestrator", "complete -F _orchestrator"),
         ("zsh/site-functions/_orchestrator", "#compdef orchestrator"),
         ("fish/vendor_completions.d/orchestrator.fish", "complete -c orchestrator"),
+        ("bash-completion/completions/stillroom", "complete -F _stillroom"),
+        ("zsh/site-functions/_stillroom", "#compdef stillroom"),
+        ("fish/vendor_completions.d/stillroom.fish", "complete -c stillroom"),
     ];
     for (place, expected) in files {
         let path = workshop.path("prefix/share").join(place);
         let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         assert!(text.contains(expected), "{place}: {text}");
     }
+    let mut help = Command::new(workshop.path("prefix/bin/stillroom"));
+    let help = help.args(["up", "--help"]).output().expect("the other name");
+    assert!(String::from_utf8_lossy(&help.stdout).contains("Usage: stillroom up"), "{help:?}");
     assert_eq!(install(&["-u"]), (true, String::new()));
     let left = Command::new("find").arg(workshop.path("prefix")).args(["-not", "-type", "d"]).output().expect("find");
     assert_eq!(String::from_utf8_lossy(&left.stdout).trim(), foreign.display().to_string());
