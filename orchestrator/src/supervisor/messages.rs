@@ -132,8 +132,8 @@ pub fn given_up(who: &str, last: &str, deaths: usize, exit: &Exit, last_words: &
 pub fn needs_more_time(deadline: Duration) -> String {
     let deadline_s = deadline.as_secs_f64();
     format!(
-        "\nIf an answer may take longer than {deadline_s} s, begin a run with a larger learner.actor_deadline_s: a resumed \
-         one keeps it"
+        "\nIf an answer may take longer than {deadline_s} s, raise learner.actor_deadline_s in the run's config.toml, then \
+         `orchestrator resume RUN`"
     )
 }
 

@@ -53,8 +53,8 @@ fn a_second_interrupt_kills_everything_at_once() {
 
 #[test]
 fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
-    let slow = "\nIf an answer may take longer than 60 s, begin a run with a larger learner.actor_deadline_s: a resumed one \
-                keeps it";
+    let slow = "\nIf an answer may take longer than 60 s, raise learner.actor_deadline_s in the run's config.toml, then \
+                `orchestrator resume RUN`";
     for (exit, how, advice) in [
         (Exit::Signal(11), "last with signal 11 (SIGSEGV)", ""),
         (Exit::Killed, "last killed by the orchestrator", slow),
