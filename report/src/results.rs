@@ -17,6 +17,9 @@ pub struct FieldResult {
     pub pooled: Figures,
     /// Of each share that is printed, by name: that of all episodes of all seeds together.
     pub rates: BTreeMap<String, Rate>,
+    /// Of one seed's episodes of fixed seeds: the intervals of its evaluation, by name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub intervals: BTreeMap<String, Interval>,
     /// How often each action was taken at each step, over all seeds together: names, and \[steps\]\[actions\] counts.
     pub actions: ActionShares,
 }
@@ -128,6 +131,13 @@ impl FieldResult {
             seeds: evaluated.iter().zip(&episodes.by_seed).enumerate().map(seed).collect(),
             metrics: scores.iter().map(|(name, scores)| (name.clone(), Aggregate::of(scores, RESAMPLES))).collect(),
             rates: rates_of(&episodes.by_seed.concat()),
+            intervals: match &evaluated[..] {
+                [(_, only)] => {
+                    let interval = |(name, &[low, high]): (&String, &[f64; 2])| (name.clone(), Interval { low, high });
+                    only.result.intervals.iter().map(interval).collect()
+                }
+                _ => BTreeMap::new(),
+            },
             curves: spec.curves.iter().enumerate().map(curve).collect(),
             pooled: Figures::of(spec, episodes.by_seed.iter().flatten().copied()),
             actions: ActionShares::sum(evaluated.iter().map(|(_, evaluated)| *evaluated)),

@@ -183,6 +183,7 @@ fn a_page_says_what_is_missing_and_runs_no_script_of_its_data() {
     ] {
         assert!(missing.as_str().is_some_and(|missing| missing.contains(said)), "{said}: {missing}");
     }
+    assert!(missing.as_str().is_some_and(|missing| missing.contains("orchestrator eval RUN --record all")));
     // A table of the paper stands where a group is in one.
     assert_eq!(browser.value("document.querySelectorAll('tr.absent').length"), 0);
     let open = browser.value("[...document.querySelectorAll('details[open]')].map((one) => one.id)");
@@ -191,5 +192,15 @@ fn a_page_says_what_is_missing_and_runs_no_script_of_its_data() {
         browser.value("[document.title, document.querySelectorAll('img').length]"),
         json!(["Stillroom report", 0])
     );
+    // Of somebody's environments, by the wheel's program.
+    let data = json!({ "report": report, "program": "stillroom", "drawn": false, "labelled": false, "episodes": [] });
+    let path = folder.path().join("other.html");
+    std::fs::write(&path, view::page::report(&data.to_string(), "")).expect("a writable folder");
+    browser.open(&format!("file://{}", path.display()));
+    browser.wait_for("document.querySelector('#missing')?.textContent.includes('(stillroom eval RUN)')");
+    let missing = browser.value("document.querySelector('#missing').textContent");
+    for other in ["--record all", "Prediction"] {
+        assert!(missing.as_str().is_some_and(|missing| !missing.contains(other)), "{other}: {missing}");
+    }
     assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
 }

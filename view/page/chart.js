@@ -50,9 +50,9 @@ export class Chart {
   file() { return this.title.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, ""); }
 
   /** `series`: name, look, x, y, and perhaps raw, low and high; `marks`: x and label; `levels`: y and label; `most`: the y
-   * axis reaches there; `newest`: what one curve came to, and `smoothed` whether it is a mean; `domain`: of x; `paint`: draws more; `read`: what the cursor is at; `table`: the data of that. */
+   * axis reaches there; `newest`: what one curve came to, and `smoothed` what its values are called; `placed`: whether the last value is told with its place; `domain`: of x; `paint`: draws more; `read`: what the cursor is at; `table`: the data of that. */
   show(content) {
-    const { lines, bands, xLabel, plot, data: before } = this;
+    const { lines, bands, xLabel, plot, ends = [0, 0] } = this;
     this.content = content;
     this.lines = [];
     this.bands = [];
@@ -73,10 +73,12 @@ export class Chart {
     if (!plot || this.rows || xLabel !== this.drawn || shape([lines, bands]) !== shape([this.lines, this.bands])) this.draw();
     else {
       const { min, max } = plot.scales.x;
-      const zoomed = min > before[0][0] || max < before[0].at(-1);
+      const zoomed = min > ends[0] || max < ends[1];
       plot.setData(this.data, !zoomed);
       if (zoomed) plot.redraw();
     }
+    // Columns grow in their place.
+    this.ends = [this.data[0][0], this.data[0].at(-1)];
     this.tell();
   }
 
@@ -128,7 +130,9 @@ export class Chart {
     if (this.zero) [least, most] = [Math.min(least, 0), Math.max(most, this.share ? 0.05 : 0)];
     if (most - least < 1e-9) most = least + (Math.abs(least) || 1) * 0.1;
     const more = (most - least) * 0.06;
-    return [this.zero && least === 0 ? 0 : least - more, this.share ? Math.min(most + more, 1.02) : most + more];
+    // Names of marks stand above the curves, a line each.
+    const names = ((most - least) * 19 * (this.content.marks?.length ?? 0)) / this.height;
+    return [this.zero && least === 0 ? 0 : least - more, (this.share ? Math.min(most + more, 1.02) : most + more) + names];
   }
 
   /** What is drawn over the curves. */
@@ -175,8 +179,8 @@ export class Chart {
     const words = this.content.read?.(this.plot) ?? values.map(([name, value]) => (several ? `${name} ${this.format(value)}` : this.format(value)));
     const { newest, smoothed } = this.content;
     if (at === null && !several && values.length && newest !== undefined) words.splice(0, 1, this.format(newest), "newest tenth");
-    else if (values.length && smoothed) words.push("smoothed");
-    if (at !== null && values.length) words.push(`at ${this.xFormat(this.data[0][at])}`);
+    else if (values.length && smoothed) words.push(smoothed);
+    if ((at !== null || this.content.placed) && values.length) words.push(`at ${this.xFormat(this.data[0][at ?? this.data[0].length - 1])}`);
     const text = words.join(several ? "\n" : " · ") || (this.rows ? "" : "nothing yet");
     this.element.classList.toggle("several", several);
     // Of several the newest values would hide the curves.

@@ -44,9 +44,9 @@ export function legend(names, hidden, changed) {
 export class Curves {
   /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, the
    * budget in frames, and the means over the newest tenth of the newest stage by metric, that of the return by its figure, and `of(figure, axis)`, which is
-   * the columns x, y, stage, and perhaps frames, low and high. `most`: where the axes of shares end. */
-  constructor(sources, { axes = ["frames", "time"], key = "curves", most, hidden = new Set(), signal } = {}) {
-    Object.assign(this, { sources, most, hidden, signal, charts: new Map() });
+   * the columns x, y, stage, and perhaps frames, low and high. `smoothed`: what a value of a smoothed curve is called; `most`: where the axes of shares end. */
+  constructor(sources, { axes = ["frames", "time"], key = "curves", smoothed = "smoothed", most, hidden = new Set(), signal } = {}) {
+    Object.assign(this, { sources, smoothed, most, hidden, signal, charts: new Map() });
     this.settings = { weight: 0.5, axis: "frames", raw: true, more: false, ...remembered(key, {}) };
     this.grid = h("div", { class: "grid" });
     const set = (change) => { Object.assign(this.settings, change); remember(key, this.settings); this.draw(); };
@@ -91,7 +91,7 @@ export class Curves {
       const marks = [...begins.values()].flatMap(({ stages, index }) => stages.slice(1).map(([label, x]) => (begins.size > 1 ? { label, x, colour: look(index).colour } : { label: `stage ${label}`, x })));
       const first = this.sources[all[0].index];
       chart.show({
-        series, smoothed: weight > 0, newest: all.length === 1 ? first.newest?.[metric?.name ?? name] : undefined, most: metric?.kind === "share" ? most : undefined,
+        series, smoothed: weight > 0 && this.smoothed, newest: all.length === 1 ? first.newest?.[metric?.name ?? name] : undefined, most: metric?.kind === "share" ? most : undefined,
         marks: axis === "frames" ? marks : [],
         levels: metric && metric.name in (first.paper ?? {}) ? [{ y: first.paper[metric.name], label: "the paper's level" }] : [],
       });

@@ -77,6 +77,9 @@ export function hand(blob, name) {
   setTimeout(() => URL.revokeObjectURL(address), 60_000);
 }
 
+/** The name by which the program was called. */
+export const app = { program: "orchestrator" };
+
 let token = "";
 // Storage is of one origin: no other port of the machine reads it, as it would get a cookie.
 try { token = localStorage.getItem("token") ?? ""; } catch { /* This browser keeps nothing: the address holds the token. */ }
@@ -115,7 +118,7 @@ export async function ask(path, { waits, ...options } = {}) {
       answer = await fetch(path, { ...options, headers: { Authorization: `Bearer ${token}` } });
     } catch (error) {
       if (error.name === "AbortError") throw error;
-      throw new Error("the viewer does not answer: is `stillroom view` still there?");
+      throw new Error(`the viewer does not answer: is \`${app.program} view\` still there?`);
     }
     if (answer.ok) return answer;
     const text = await answer.text();

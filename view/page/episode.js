@@ -1,6 +1,6 @@
 // The pages of one episode, and of two side by side.
 
-import { h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
+import { app, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
 import { count, outcome, percent, quantity, reached, words } from "./format.js";
 import { Stage, Strip, besides, explained, limit } from "./stage.js";
@@ -155,7 +155,7 @@ export async function showCompare(root, runs, query, signal) {
   }
   const { total, better, rows } = found;
   if (!total && !chosen) {
-    replace(root, notice("The two have no recorded episode in common. Evaluate both on the same episodes with `stillroom eval RUN --record all`."));
+    replace(root, notice(`The two have no recorded episode in common. Evaluate both on the same episodes with \`${app.program} eval RUN --record all\`.`));
     return;
   }
   const pairs = new Map(rows.map((pair) => [pair.map(({ key }) => key).join("~"), pair]));

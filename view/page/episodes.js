@@ -93,7 +93,7 @@ export async function showEpisodes(root, run, query, signal) {
         // On a narrow screen in the place of their columns.
         h("div", { class: "narrow faint small" }, `${place}, ${each.length} ${each.length === 1 ? "step" : "steps"}`)),
       h("td", { class: "number optional" }, String(each.length)),
-      columns.map((column) => h("td", { class: "number", "data-head": headed(column.name) }, figure(each.figures[column.name], column))),
+      columns.map((column) => h("td", { class: "number", "data-head": column.label || headed(column.name) }, figure(each.figures[column.name], column))),
       page.films ? h("td", {}, each.key ? command(`${page.films} --environment ${each.environment} --episode ${each.episode}`) : null) : null);
   };
   /** A command, and a button that copies it: where the browser has no clipboard, the whole is marked. */
@@ -135,8 +135,8 @@ export async function showEpisodes(root, run, query, signal) {
       // What the run's other tables have; the outcome says which successes there are.
       const main = ({ name, is_share: share }) => card.metrics.some((metric) => metric.name === name) && !(share && successes.length);
       const columns = page.columns.filter((column) => whole.checked || main(column) || column.name === asked.sort);
-      const figures = columns.map(({ name, doc }) => [headed(name), name, "number", doc]);
-      options("range", [["length", "steps"], ...page.columns.map(({ name }) => [name, headed(name)])]);
+      const figures = columns.map(({ name, label, doc }) => [label || headed(name), name, "number", doc]);
+      options("range", [["length", "steps"], ...page.columns.map(({ name, label }) => [name, label || headed(name)])]);
       const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => name !== "target" || page.targets.length);
       const names = [...first, ...figures].map(([, name]) => name).join();
       if (heads.map((one) => one.dataset.column).join() !== names) {

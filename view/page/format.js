@@ -8,19 +8,22 @@ export const percent = (share, digits = 1) => (known(share) ? `${(100 * share).t
 /** A share as a percentage that is never more than there is. */
 export const reached = (share) => percent(Math.floor(100 * share) / 100, 0);
 export const metres = (value, digits = 3) => (known(value) ? `${value.toFixed(digits)} m` : missing);
+const minus = (text) => text.replace(/^-/, "−");
 /** Never "-0.00". */
-export const number = (value, digits = 2) => (known(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, "") : missing);
+export const number = (value, digits = 2) => (known(value) ? minus(value.toFixed(digits).replace(/^-(?=[0.]*$)/, "")) : missing);
+/** A figure without its unit: the digits are those of the terminal. */
+export const bare = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { m: 3, steps: 1 }[unit] ?? 2));
 /** A metric's mean: a share as a percentage, a value with its unit. */
-export const figure = ({ kind, unit }, value, digits) => (kind === "share" ? percent(value, digits) : known(value) && unit ? `${value.toFixed(3)} ${unit}` : number(value, 3));
+export const figure = (metric, value) => `${bare(metric, value)}${metric.kind !== "share" && known(value) && metric.unit ? ` ${metric.unit}` : ""}`;
 export const signed = (value, digits = 3) => (known(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)}` : missing);
 
 export function short(value) {
   if (!known(value)) return missing;
-  const size = Math.abs(value);
-  if (size >= 1e6) return `${trim(value / 1e6)}M`;
-  if (size >= 1e3) return `${trim(value / 1e3)}k`;
-  if (size === 0) return "0";
-  return size >= 100 ? value.toFixed(0) : size >= 1 ? trim(value) : size >= 0.001 ? Number(value.toPrecision(2)).toString() : value.toExponential(0);
+  if (value < 0) return `−${short(-value)}`;
+  if (value >= 1e6) return `${trim(value / 1e6)}M`;
+  if (value >= 1e3) return `${trim(value / 1e3)}k`;
+  if (value === 0) return "0";
+  return value >= 100 ? value.toFixed(0) : value >= 1 ? trim(value) : value >= 0.001 ? Number(value.toPrecision(2)).toString() : value.toExponential(0);
 }
 const trim = (value) => Number(value.toPrecision(3)).toString();
 
@@ -32,7 +35,7 @@ export function ticks(values) {
   const [unit, sign] = most >= 1e6 ? [1e6, "M"] : most >= 1e4 ? [1e3, "k"] : most && exponent < -4 ? [10 ** exponent, `e${exponent}`] : [1, ""];
   const text = (value, digits) => Number((value / unit).toFixed(digits));
   const digits = [0, 1, 2, 3, 4, 5, 6].find((digits) => there.every((value) => Math.abs(text(value, digits) - value / unit) * unit <= 1e-6 * most)) ?? 7;
-  return values.map((value) => (known(value) ? `${text(value, digits)}${value ? sign : ""}` : null));
+  return values.map((value) => (known(value) ? minus(`${text(value, digits)}${value ? sign : ""}`) : null));
 }
 
 export function duration(seconds) {
@@ -44,7 +47,7 @@ export function duration(seconds) {
   return minutes ? `${minutes} min ${String(all % 60).padStart(2, "0")} s` : `${all} s`;
 }
 
-export const date = (unix) => (unix ? new Date(unix * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" }) : missing);
+export const date = (unix) => (unix ? new Date(unix * 1000).toLocaleString(undefined, { year: "numeric", month: "short", day: "numeric", hour: "numeric", minute: "2-digit", timeZoneName: "short" }) : missing);
 export const bytes = (value) => (known(value) ? (value >= 2 ** 30 ? `${(value / 2 ** 30).toFixed(1)} GiB` : `${Math.round(value / 2 ** 20)} MiB`) : missing);
 
 /** What a kitchen is called, or a scene of the run's own: those are numbered from 128 on. */
@@ -59,7 +62,7 @@ export function outcome(word, successes = []) {
 }
 
 /** A name of the task's in words, without its unit: "wrist_object_m" is "wrist object". */
-export const words = (name, unit = "") => (unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ");
+export const words = (name, unit = "") => (unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ").replace(/\br prime\b/, "r′");
 
 /** A name of the task's as a heading has it: "wrist_object_m" is "wrist object (m)". */
 export const headed = (name) => words(name).replace(/ (m|s|rad)$/, " ($1)");

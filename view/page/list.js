@@ -1,12 +1,18 @@
 // The list of runs with their state.
 
-import { every, h, json, notice, replace, showOrder, sorters, withToken } from "./dom.js";
+import { app, every, h, json, notice, replace, showOrder, sorters, withToken } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
 
-/** A run's name, after that of its suite. */
-export const named = ({ suite, id }) => [suite, id].filter(Boolean).join(" / ");
+/** A run's name, after that of its suite; that of an evaluation in a run's folder after both. */
+export function named({ suite, id, folder }) {
+  const [run, evaluation] = folder?.match(/([^/]+)\/evaluations\/([^/]+)$/)?.slice(1) ?? [id];
+  return [suite, run, evaluation].filter(Boolean).join(" / ");
+}
+
+/** What it trains or evaluates. */
+export const about = ({ task, preset, seed }) => [task, preset, `seed ${seed}`].filter(Boolean).join(" · ");
 
 export function progress(share, label) {
   const width = `${(100 * Math.min(1, Math.max(0, share || 0))).toFixed(2)}%`;
@@ -27,6 +33,26 @@ function groups(cards) {
   return [...all.values()].map((group) => [...new Set([...group.filter((card) => !owner.get(card)).flatMap(whole), ...group])]);
 }
 
+/** Means over the seeds of each kind of a suite's runs: of its evaluations, or of training where it has none. */
+function means(group) {
+  const ended = group.filter((card) => card.evaluation && card.state === "complete");
+  const kinds = new Map();
+  const cards = ended.length ? ended : group.filter((card) => !card.evaluation && !card.problem);
+  for (const card of cards.sort((one, other) => one.created_unix_s - other.created_unix_s)) {
+    const [run, evaluation] = named({ ...card, suite: null }).split(" / ");
+    const what = run.endsWith(`-${card.seed}`) ? run.slice(0, -`-${card.seed}`.length) : run;
+    const key = JSON.stringify([what, evaluation]);
+    kinds.set(key, [...kinds.get(key) ?? [], card]);
+  }
+  return [...kinds].map(([key, seeds]) => {
+    const [what, evaluation] = JSON.parse(key);
+    const [{ metrics }] = seeds;
+    const over = (name) => { const known = seeds.map(({ figures }) => figures[name]).filter((value) => value !== undefined); return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : undefined; };
+    const figures = Object.fromEntries(metrics.map(({ name, quotient }) => [name, quotient ? over(quotient[0]) / over(quotient[1]) : over(name)]));
+    return { what, of: `mean of ${seeds.length} ${seeds.length === 1 ? "seed" : "seeds"}, ${evaluation ?? "training"}`, metrics, figures };
+  });
+}
+
 /** What a card is sorted by; in a column that it has not it comes last. */
 function place(card, column) {
   const own = { run: card.id, progress: card.done / card.budget, begun: card.created_unix_s };
@@ -42,9 +68,13 @@ export async function showList(root, query, signal) {
   const body = h("tbody");
   const empty = h("p", { class: "soft" });
   const head = h("thead");
+  const frame = h("div", { class: "card" }, h("table", { class: "fold sorted runs" }, head, body), empty);
   // Of all tasks that runs here have.
   let metrics = [];
   let cards = [];
+  // A frame that scrolls would keep the heads from staying in view.
+  const fit = () => { frame.classList.remove("scroll"); frame.classList.toggle("scroll", frame.scrollWidth > frame.clientWidth); };
+  addEventListener("resize", fit, { signal });
   /** The newest first, unless a column's head was clicked. */
   const order = () => {
     showOrder([...head.querySelectorAll("[data-column]")], asked);
@@ -52,7 +82,8 @@ export async function showList(root, query, signal) {
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
     const sorted = [...cards].sort((a, b) => compare(value(a), value(b)));
-    replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && heading(group[0]), ...group.map(row)]));
+    replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && [heading(group[0]), means(group).map(mean)], ...group.map(row)]));
+    fit();
   };
   const sort = () => {
     for (const [name, value] of Object.entries(asked)) if (value) query.set(name, value); else query.delete(name);
@@ -60,10 +91,14 @@ export async function showList(root, query, signal) {
     order();
   };
   replace(root,
-    h("div", { class: "row between" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside)),
-    h("div", { class: "card scroll" },
-      h("table", { class: "fold sorted runs" }, head, body), empty));
+    h("div", { class: "row between chooser" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside)),
+    frame);
 
+  const cells = (card) => metrics.map((label, at) => {
+    const metric = card.metrics.find((each) => each.label === label);
+    return h("td", { "data-head": label, class: at > 1 ? "number optional" : "number" }, metric && figure(metric, card.figures[metric.name]));
+  });
+  const mean = (one) => h("tr", {}, h("td", {}), h("td", { style: { "padding-left": "1.5rem" } }, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
   const heading = ({ id, suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
     h("b", {}, `suite ${suite}`), `: ${counts}`, report && [" · ", h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: report }, "report")]));
   const row = (card) => {
@@ -78,18 +113,15 @@ export async function showList(root, query, signal) {
     });
     const isNested = runOf(card, cards) !== undefined;
     const indent = (card.suite_standing ? 1.5 : 0) + (isNested ? 1.5 : 0);
-    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.suite_standing || isNested ? card.folder.split("/").at(-1) : named(card));
+    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card.suite_standing ? { ...card, suite: null } : card));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", {},
       h("td", {}, box),
-      h("td", indent ? { style: { "padding-left": `${indent}rem` } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${card.preset} · seed ${card.seed}`)),
+      h("td", indent ? { style: { "padding-left": `${indent}rem` } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${about(card)}`)),
       h("td", {}, progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))),
-      metrics.map((label, at) => {
-        const metric = card.metrics.find((each) => each.label === label);
-        return h("td", { "data-head": label, class: at > 1 ? "number optional" : "number" }, metric && figure(metric, card.figures[metric.name]));
-      }),
+      cells(card),
       h("td", { "data-head": "Begun", class: "optional entire soft small whole" }, date(card.created_unix_s)));
   };
   let shown = "";
@@ -108,7 +140,7 @@ export async function showList(root, query, signal) {
       hint.hidden = !together.hidden || cards.length < 2;
       // Rows are new elements: the keyboard stays where it was.
       if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
-      empty.textContent = cards.length ? "" : "No run yet. Start one with `stillroom up`: it appears here.";
+      empty.textContent = cards.length ? "" : `No run yet. Start one with \`${app.program} up\`: it appears here.`;
     } catch (error) {
       if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 4 + metrics.length }, notice(error.message, "error")))); }
     }

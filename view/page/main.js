@@ -1,6 +1,6 @@
 // Which page is shown: the part of the address after #.
 
-import { h, json, notice, replace, say, takeToken } from "./dom.js";
+import { app, h, json, notice, replace, say, takeToken } from "./dom.js";
 import { showList } from "./list.js";
 import { showRun, showTogether } from "./run.js";
 import { showEpisodes } from "./episodes.js";
@@ -35,6 +35,7 @@ async function show() {
   const run = `#/run/${runs}`;
   try {
     opening ??= await json("/api/opening");
+    Object.assign(app, { program: opening.program });
     if (signal.aborted) return;
     if (!kind && opening.runs.length && !query.has("all")) {
       location.replace(opening.compare ? `#/compare/${opening.runs.join("/")}` : `#/run/${opening.runs.slice(0, 6).join("+")}`);

@@ -1,31 +1,32 @@
 // A report: what runs came to, over seeds and beside the paper. `stillroom report` puts its data into the page.
 
-import { css, h, hand, replace } from "./dom.js";
-import { action, count, number, percent, short } from "./format.js";
+import { app, css, h, hand, replace } from "./dom.js";
+import { action, bare, count, percent, short, words } from "./format.js";
 import { Chart, look } from "./chart.js";
 import { Curves, legend } from "./curves.js";
 
 /** `test-novel-best` in words. */
 function fieldName(key) {
-  const words = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", best: "best checkpoint" };
-  return key.split("-").map((word) => words[word] ?? word).join(", ");
+  const known = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", best: "best checkpoint" };
+  return key.split("-").map((word) => known[word] ?? word).join(", ");
 }
 
 /** Fewer episodes than this say nothing of what a policy does when, nor of what it foretells. */
 const FEW = 50;
 const SHARE = { kind: "share" };
-/** A figure that `one` describes, as people read it; the unit stands in its heading. */
-const shown = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { steps: 1 }[unit] ?? 3));
-const heading = ({ label, unit }) => (unit === "m" ? `${label} (m)` : label);
-const range = (one, { low, high }) => [low, high].map((value) => shown(one, value).replace("%", "")).join("\u00a0–\u00a0");
+const heading = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
+const range = (one, { low, high }) => [low, high].map((value) => bare(one, value).replace("%", "")).join("\u00a0–\u00a0");
 const over = (value, below) => [value, below ? h("small", {}, below) : null];
 /** A figure with its interval beneath. */
-const estimate = (one, { point, interval }) => over(shown(one, point), interval && range(one, interval));
+const estimate = (one, { point, interval }) => over(bare(one, point), interval && range(one, interval));
 
-/** A metric's mean in a result; of a share of one seed, or of seeds that all agree, Wilson's interval over the episodes. */
-function meanOf({ metrics, rates }, { name }) {
+/** A metric's mean in a result, and the way of its interval: of a share of one seed, or of seeds that all agree, Wilson's over
+ * the episodes; of another figure of one seed that of its evaluation. */
+function meanOf({ metrics, rates, intervals = {} }, { name }) {
   const { mean } = metrics[name];
-  return { ...mean, interval: mean.interval ?? rates[name]?.interval, isWilsons: !mean.interval };
+  const found = [[mean.interval, "of several seeds from a bootstrap"], [rates[name]?.interval, "of a share of one seed, or of seeds that agree, Wilson's over the episodes"], [intervals[name], "of a mean that is no share from a bootstrap over the episodes of one seed"]];
+  const [interval, way] = found.find(([one]) => one) ?? [];
+  return { ...mean, interval, way };
 }
 
 /** A table. `heads`: names; those that begin with # are of numbers. `rows`: cells, and perhaps a class. */
@@ -50,13 +51,14 @@ const section = (id, title, ...content) => h("section", { id, class: "stack" }, 
 const says = (...text) => h("p", { class: "small soft wide" }, text);
 
 class Page {
-  constructor(root, { made, report, episodes, differences = [] }) {
-    Object.assign(this, { report, episodes, differences, hidden: new Set(), missing: [] });
+  constructor(root, { made, program = app.program, drawn = true, labelled = true, report, episodes, differences = [] }) {
+    Object.assign(this, { program, drawn, labelled, report, episodes, differences, hidden: new Set(), missing: [] });
     // Where each group is one run it is called so, and nothing is said of means over seeds.
     this.seeds = report.groups.some(({ runs }) => runs.length > 1);
     this.group = this.seeds ? "group" : "run";
     this.names = report.groups.map(({ label }) => label);
     this.results = report.groups.flatMap((group, index) => group.results.map((result) => ({ group, index, result })));
+    this.hasRates = this.results.some(({ result: { rates } }) => Object.keys(rates).length);
     this.fields = [...new Set(report.comparisons.map(({ field }) => field).concat(this.results.map(({ result }) => result.field)))];
     this.fields = this.fields.filter((field) => this.results.some(({ result }) => result.field === field));
     this.keys = h("div", { class: "legend small" });
@@ -108,15 +110,15 @@ class Page {
       // Of a run that was not evaluated what its newest training episodes came to.
       const { figures: trained } = group.stages.findLast((stage) => Object.keys(stage.figures).length) ?? { figures: {} };
       const of = (one) => {
-        const { point, interval, isWilsons } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
-        if (interval) ways.add(isWilsons ? "of one seed Wilson's, over its episodes" : "of several seeds from a bootstrap");
-        return point === undefined ? null : entry(heading(one), shown(one, point), interval && range(one, interval));
+        const { point, interval, way } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
+        if (interval) ways.add(way);
+        return point === undefined ? null : entry(heading(one), bare(one, point), interval && range(one, interval));
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
-        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
+        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${this.drawn ? "" : `${group.task} · `}${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
         h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null, entry("frames", short(frames))),
         this.trained(group),
-        group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
+        group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ").replaceAll("r_prime", "r′")}`) : null);
     });
     return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null];
   }
@@ -125,7 +127,7 @@ class Page {
   trained({ task, stages }) {
     const begun = stages.filter(({ figures }) => Object.keys(figures).length);
     const { shown: metrics } = this.report.tasks[task];
-    const row = ({ name, figures }) => [name, ...metrics.map((one) => shown(one, figures[one.name]))];
+    const row = ({ name, figures }) => [name, ...metrics.map((one) => bare(one, figures[one.name]))];
     return begun.length > 1 ? table(["training, stage", ...metrics.map((one) => `#${heading(one)}`)], plain(begun.map(row))) : null;
   }
 
@@ -144,7 +146,7 @@ class Page {
   printed(task, result) { return this.report.tasks[task].described.filter(({ name, label }) => label && result?.metrics[name]); }
 
   /** These results by task: each with its name. */
-  byTask(found) { return Object.keys(this.report.tasks).map((task) => [task, found.filter(({ group }) => group.task === task)]).filter(([, some]) => some.length); }
+  byTask(found) { return [...new Set(this.report.groups.map(({ task }) => task))].map((task) => [task, found.filter(({ group }) => group.task === task)]).filter(([, some]) => some.length); }
 
   /** What a mean of a field is over: episodes of fixed seeds are in no kitchen. */
   samples(field) {
@@ -154,7 +156,7 @@ class Page {
 
   /** Every group in every field. */
   evaluated() {
-    if (!this.results.length) return this.none("Results: none of these runs has been evaluated yet (stillroom eval RUN).");
+    if (!this.results.length) return this.none(`Results: none of these runs has been evaluated yet (${this.program} eval RUN).`);
     const metrics = ([task, found]) => {
       const { ranking } = this.report.tasks[task];
       const printed = this.printed(task, found[0].result);
@@ -170,18 +172,18 @@ class Page {
     });
     const further = ([task, found]) => {
       const columns = this.report.tasks[task].described.filter(({ name, label }) => label && !found[0].result.metrics[name]);
-      const row = ({ group, result: { field, pooled } }) => [group.label, fieldName(field), ...columns.map((one) => shown(one, pooled[one.name]))];
-      return [table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns)];
+      const row = ({ group, result: { field, pooled } }) => [group.label, fieldName(field), ...columns.map((one) => bare(one, pooled[one.name]))];
+      return [table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns, task)];
     };
     return section("results", "Results", fields,
-      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds do not differ, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
-        : `Means over ${this.samples(this.fields[0])}, of one seed. The 95% interval of a share is Wilson's over the episodes of this seed alone.`),
-      this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result))),
+      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds agree, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
+        : `Means over ${this.samples(this.fields[0])}, of one seed.${this.hasRates ? " The 95% interval of a share is Wilson's over the episodes of this seed alone." : ""}${this.results.some(({ result: { intervals } }) => intervals) ? " The 95% interval of another mean is from a bootstrap over them." : ""}`),
+      this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result), task)),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further));
   }
 
   /** What the task says of these figures. */
-  docs(described) { return h("details", {}, h("summary", { class: "small" }, "What the columns mean"), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))); }
+  docs(described, task) { return described.length ? h("details", {}, h("summary", { class: "small" }, `What the columns mean${Object.keys(this.report.tasks).length > 1 ? `, ${words(task)}` : ""}`), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))) : null; }
 
   /** The paper's row that a group stands beside. */
   published(group, field) {
@@ -205,7 +207,7 @@ class Page {
         made.show({
           series: [], domain: [0, one.kind === "share" ? 1 : most * 1.05],
           table: [["group", "mean", "low", "high", "paper"], ...all.map(({ name, point, interval, paper }) => [name, point, interval?.low, interval?.high, paper])],
-          read: (plot) => { const at = all[rowAt(plot)]; return at ? [`${at.name}: ${shown(one, at.point)}${at.interval ? ` (${range(one, at.interval)})` : ""}`] : []; },
+          read: (plot) => { const at = all[rowAt(plot)]; return at ? [`${at.name}: ${bare(one, at.point)}${at.interval ? ` (${range(one, at.interval)})` : ""}`] : []; },
           paint: (plot, pen, unit) => all.forEach(({ colour, point, interval, paper }, row) => {
             const y = plot.valToPos(row, "y", true), x = (value) => plot.valToPos(value, "x", true);
             pen.fillStyle = css(colour);
@@ -230,10 +232,13 @@ class Page {
     return h("div", { class: "grid" }, described.filter(({ name }) => ranking.includes(name) && found.every(({ result }) => result.metrics[name])).map(chart));
   }
 
+  /** Whether a run is of the paper's task. */
+  isPapers() { return this.report.groups.some(({ metrics }) => metrics.some(({ name }) => name === "success_without_disturbance")); }
+
   /** The paper's tables with ours in them; rows of the paper that no group is are folded away. */
   comparisons() {
     const { comparisons, paper, statistics } = this.report;
-    if (!comparisons.some(({ rows }) => rows.some((row) => row.ours.length))) return this.report.groups.some(({ metrics }) => metrics.some(({ name }) => name === "success_without_disturbance")) ? this.none("Beside the paper: no group here is a row of its tables and evaluated on its episodes.") : null;
+    if (!comparisons.some(({ rows }) => rows.some((row) => row.ours.length))) return this.isPapers() ? this.none("Beside the paper: no group here is a row of its tables and evaluated on its episodes.") : null;
     const heads = (columns) => [...columns, "#seeds", ...["#mean", "#IQM", "#IQM of seeds"], ...["#mean", "#IQM", "#IQM of seeds"], "#mean"];
     const published = ({ what, paper: row }, kind, seeds) => ({ kind, row: [...what, seeds, percent(row.success), "", percent(row.success_iqm), percent(row.success_without_disturbance), "", percent(row.success_without_disturbance_iqm), ""] });
     const ours = (columns) => (one) => {
@@ -259,9 +264,9 @@ class Page {
     const { tasks, groups } = this.report;
     const begun = groups.map((group) => ({ group, stages: group.stages.filter(({ figures }) => Object.keys(figures).length) })).filter(({ stages }) => stages.length);
     if (!begun.length) return null;
-    const tables = Object.keys(tasks).map((task) => begun.filter(({ group }) => group.task === task)).filter((some) => some.length).map((some) => {
-      const { shown: metrics } = tasks[some[0].group.task];
-      return table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, reward, ...metrics.map((one) => shown(one, figures[one.name]))]))));
+    const tables = this.byTask(begun).map(([task, some]) => {
+      const { shown: metrics } = tasks[task];
+      return table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, words(reward), ...metrics.map((one) => bare(one, figures[one.name]))]))));
     });
     return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage, all of them where none ended there${this.seeds ? ": means over the seeds of a group" : ""}.`));
   }
@@ -275,7 +280,7 @@ class Page {
       const newest = stages.findLast(({ figures }) => Object.keys(figures).length)?.figures;
       return { name: label, metrics, newest, budget: Math.max(...runs.map(({ budget }) => budget)), stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
     });
-    const curves = new Curves(sources, { axes: ["frames"], key: "report", most: 1, hidden: this.hidden });
+    const curves = new Curves(sources, { axes: ["frames"], key: "report", smoothed: "smoothed bins", most: 1, hidden: this.hidden });
     curves.keys.hidden = true;
     this.redraws.push(() => curves.draw());
     curves.element.id = "training";
@@ -306,7 +311,7 @@ class Page {
         return { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
       };
       const log = found.every(({ result }) => result.curves[name].every(({ at }) => at > 0));
-      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: `limit${/\((\w+)\)$/.exec(label)?.[1].replace(/^/, ", ") ?? ""}` }); made.content.marks = Object.entries(marks).map(([word, x]) => ({ x, label: word })); return made; };
+      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: `limit${/\((\w+)\)$/.exec(label)?.[1].replace(/^/, ", ") ?? ""}` }); Object.assign(made.content, { placed: true, marks: Object.entries(marks).map(([word, x]) => ({ x, label: word })) }); return made; };
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;
@@ -315,7 +320,10 @@ class Page {
 
   /** One episode of each run, as two policies play it where both were recorded. */
   strips() {
-    if (!this.episodes.length) return this.none("One episode in pictures: no run has a recorded evaluation (stillroom eval RUN --record all). Before and after stage II: evaluate the checkpoint at stage I's end, too (stillroom eval RUN/checkpoints/rollout-NUMBER.json --record all).");
+    // Only kitchens are drawn here.
+    if (!this.drawn) return null;
+    const staged = this.report.groups.some(({ stages }) => stages.length > 1) ? ` Before and after stage II: evaluate the checkpoint at stage I's end, too (${this.program} eval RUN/checkpoints/rollout-NUMBER.json --record all).` : "";
+    if (!this.episodes.length) return this.none(`One episode in pictures: no run has a recorded evaluation (${this.program} eval RUN --record all).${staged}`);
     const pictures = ({ caption, strips }, index) => {
       const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
         h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.map((each, at) => [at ? ", " : "", h("span", { style: { "white-space": "nowrap" } }, each)]))))))),
@@ -327,7 +335,7 @@ class Page {
 
   sweeps() {
     const { sweeps } = this.report;
-    if (!sweeps.length) return this.none("Weights of rewards: no two of these groups differ in one weight alone and are evaluated on the same episodes (the presets lambda-0, lambda-1, lambda-5, ..., lambda-25 are the paper's sweep of lambda_disturb).");
+    if (!sweeps.length) return this.isPapers() ? this.none("Weights of rewards: no two of these groups differ in one weight alone and are evaluated on the same episodes (the presets lambda-0, lambda-1, lambda-5, ..., lambda-25 are the paper's sweep of lambda_disturb).") : null;
     const chart = ({ weight, field, points }) => {
       const made = new Chart(`${weight}, ${fieldName(field)}`, { share: true, xLabel: weight });
       const { described } = this.report.tasks[this.report.groups.find(({ label }) => label === points[0].group).task];
@@ -351,7 +359,7 @@ class Page {
       const { precision, recall, recall_of_quiet: quiet, hits, misses, false_alarms: alarms, quiet: right } = result.pooled.prediction;
       return [group.label, fieldName(result.field), percent(precision), percent(recall), percent(quiet), count(hits + misses + alarms + right)];
     });
-    if (!rows.length) return this.none(`Prediction of the label: ${predicting.length ? `no evaluation has ${FEW} episodes, steps with the label, and steps foretold to have it` : "no evaluated policy has the auxiliary task that predicts it"}.`);
+    if (!rows.length) return this.labelled ? this.none(`Prediction of the label: ${predicting.length ? `no evaluation has ${FEW} episodes, steps with the label, and steps foretold to have it` : "no evaluated policy has the auxiliary task that predicts it"}.`) : null;
     return section("prediction", "Prediction of the label", table([this.group, "episodes of", "#precision", "#recall", "#recall of quiet steps", "#steps"], plain(rows)),
       says("The label is a yes or no of each step, such as whether it disturbs. Of the steps foretold to have it, those that did (precision); of the steps that did, those foretold (recall)."));
   }
@@ -399,7 +407,7 @@ class Page {
     };
     return section("runs", "Runs and evaluations", table(["run", ...(this.seeds ? ["group"] : []), "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
       this.results.length ? [h("h3", {}, "The evaluations that count"),
-        says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest. Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds."),
+        says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest.", this.hasRates ? " Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds." : null),
         this.byTask(this.results).map(counting)] : null);
   }
 }

@@ -2,8 +2,8 @@
 
 import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
-import { bytes, count, date, duration, figure, number, outcome, percent, reached, kitchenName, short } from "./format.js";
-import { named, progress, stateWord } from "./list.js";
+import { bytes, count, date, duration, figure, number, outcome, percent, reached, kitchenName, short, words } from "./format.js";
+import { about, named, progress, stateWord } from "./list.js";
 import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
 /** From this share on the recordings are read: of a run at work there are always new ones. */
@@ -62,7 +62,7 @@ function stages(live) {
   const taken = ({ frames, budget }) => (frames < budget ? `${short(frames)} of ${short(budget)}` : `${short(budget)}, complete`);
   return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Stages" },
     h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col", class: "number" }, label)))),
-    h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", { "data-head": "Stage" }, stage.name), h("td", { class: "optional", "data-head": "Reward" }, stage.reward),
+    h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", { "data-head": "Stage" }, stage.name), h("td", { class: "optional", "data-head": "Reward" }, words(stage.reward)),
       h("td", { class: "optional entire", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small whole" }, taken(stage)))), metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage, over all of it where no episode ended there."));
 }
@@ -70,11 +70,13 @@ function stages(live) {
 /** Where the time goes. */
 function times(live) {
   const [simulate, infer, update] = live.shares;
-  const shares = [simulate, infer, update, Math.max(0, 1 - simulate - infer - update)];
+  // Together they are all of it.
+  const parts = [simulate, infer, update].map((share) => Math.round(100 * share));
+  const shares = [...parts, Math.max(0, 100 - parts.reduce((sum, part) => sum + part, 0))];
   const colours = ["--run-0", "--run-2", "--run-1", "--faint"];
-  const text = ["waiting for simulation", "inference", "updates", "other"].map((name, at) => `${name} ${percent(shares[at], 0)}`);
+  const text = ["simulate", "infer", "update", "other"].map((name, at) => `${name} ${shares[at]}%`);
   return [
-    h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share, at) => h("i", { style: { width: `${100 * share}%`, background: `var(${colours[at]})` } }))),
+    h("div", { class: "bar", role: "img", "aria-label": text.join(", ") }, shares.map((share, at) => h("i", { style: { width: `${share}%`, background: `var(${colours[at]})` } }))),
     h("div", { class: "legend small soft" }, text.map((words, at) => h("span", {}, h("span", { class: "swatch", style: { background: `var(${colours[at]})` } }), words)))];
 }
 
@@ -87,10 +89,26 @@ function kitchens(live, run) {
   // Of the oldest episodes, as yet.
   if (live.indexed < 0.9) return [reading];
   return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight meters${metrics.length > 2 ? " many" : ""}` },
-    h("thead", {}, h("tr", {}, ["Kitchen", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
+    h("thead", {}, h("tr", {}, ["Kitchen", "Episodes", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
-      metrics.map((metric, at) => h("td", {}, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name], 0), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
+      h("td", { class: "small soft" }, count(kitchen.episodes)),
+      metrics.map((metric, at) => h("td", {}, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name]), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
+}
+
+/** What an evaluation came to, in the words of `eval`. */
+function results({ results: { heads, rows, intervals, figures: further }, card }, run) {
+  const called = ({ name, filter }) => {
+    const [what, which] = filter?.split("=") ?? [];
+    return filter ? h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?${filter}` }, what === "kitchen" ? kitchenName(Number(which), card.scenes) : name) : name;
+  };
+  const cell = (text) => h("td", { class: "number" }, text.replace(/^-/, "−"));
+  return h("section", { class: "card" }, h("h2", {}, "Results"),
+    h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Results" },
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head)))),
+      h("tbody", {}, rows.map((one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes)), one.cells.map(cell)))))),
+    intervals.map((sentence) => h("p", { class: "small" }, sentence)),
+    h("dl", { class: "figures further" }, further.map(([name, value, doc]) => h("div", { title: doc }, h("dt", {}, name), h("dd", {}, value)))));
 }
 
 let unfolded = false;
@@ -292,7 +310,7 @@ export async function showTogether(root, runs, signal) {
       replace(table,
         h("thead", {}, h("tr", {}, ["Run", "Progress", ...labels].map((head, at) => h("th", { scope: "col", class: at === 1 ? "optional" : at ? "number" : null }, head)))),
         h("tbody", {}, own.map((card) => h("tr", {},
-          h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card)), h("div", { class: "faint small" }, `${card.preset} · seed ${card.seed}`)),
+          h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card)), h("div", { class: "faint small" }, about(card))),
           h("td", { class: "optional", "data-head": "Progress" }, stateWord(card.state), h("div", { class: "faint small" }, `${count(card.done)} of ${count(card.budget)}`)),
           labels.map((label) => h("td", { class: "number", "data-head": label }, cell(card, label)))))));
       if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw();
@@ -309,23 +327,23 @@ export async function showRun(root, run, signal) {
   const head = h("div", { class: "row between ends" });
   const summary = h("section", { class: "card stack", "aria-label": "Progress" });
   const notes = h("div", {});
-  const parts = Object.fromEntries(["kitchens", "workers", "warnings", "log", "validation", "evaluations", "times"].map((name) => [name, h("div", {})]));
+  const parts = Object.fromEntries(["results", "kitchens", "workers", "warnings", "log", "validation", "evaluations", "times"].map((name) => [name, h("div", {})]));
   const columns = new Columns(run);
   const curves = new Curves([columns], { signal });
   const grow = async () => { if (await columns.grow(signal)) curves.draw(); };
   const [depths, thumbnails] = [new Depths(run, signal), new Thumbnails(run, signal)];
   const card = (title, part) => h("section", { class: "card" }, h("h2", {}, title), part);
-  const kitchensCard = card("By kitchen, newest 50 episodes of each", parts.kitchens);
+  const kitchensCard = card("By kitchen, newest 50 episodes at most", parts.kitchens);
   const [workersCard, warningsCard, timesCard] = [card("Processes", parts.workers), card("Warnings", parts.warnings), card("Where the time goes", parts.times)];
   const log = h("div", { class: "stack" }, warningsCard, card("Log", parts.log));
   // Of a run at work what it does now; of one at rest what it has come to. Two columns are about as long as each other.
-  const arrange = (running, isLong, elsewhere) => {
+  const arrange = (running, isLong, isBare) => {
     const [first, second] = [[kitchensCard], running ? [depths.element, parts.evaluations, parts.validation] : [parts.validation]];
     (isLong || !running ? second : first).push(timesCard, workersCard);
-    // Only kitchens are listed beside it.
-    if (!running) (elsewhere ? first : second).push(log);
+    // Nothing but kitchens is listed beside it.
+    if (!running) (isBare ? first : second).push(log);
     const columns = h("div", { class: "grid halves" }, [first, second].map((column) => h("div", { class: "stack" }, column)));
-    replace(root, head, notes, summary, running ? [curves.element, columns, log] : [thumbnails.element, curves.element, parts.evaluations, columns]);
+    replace(root, head, notes, summary, parts.results, running ? [curves.element, columns, log] : [thumbnails.element, curves.element, parts.evaluations, columns]);
   };
 
   let rollouts = -1, subject = null;
@@ -338,22 +356,24 @@ export async function showRun(root, run, signal) {
   };
   const take = (live) => {
     update("head", head, [live.card.state, subject], () => [
-      h("div", { class: "row" }, h("h1", {}, named(live.card)), stateWord(live.card.state), h("span", { class: "soft small" }, live.card.evaluation ? ["evaluation", subject && [" of ", h("a", { href: `#/run/${encodeURIComponent(subject)}` }, subject)], " · "] : null, `${live.card.preset} · seed ${live.card.seed}`)),
+      h("div", { class: "row" }, h("h1", {}, named(live.card)), stateWord(live.card.state), h("span", { class: "soft small" }, live.card.evaluation ? ["evaluation", subject && [" of ", h("a", { href: `#/run/${encodeURIComponent(subject)}` }, subject)], " · "] : null, about(live.card))),
       h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
     update("notes", notes, [live.notes, live.go_on], () => [live.notes.map((note) => notice(note)), live.go_on && h("p", { class: "small soft" }, "go on with: ", h("code", {}, live.go_on))]);
     update("summary", summary, [live.card, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);
     const running = live.card.state === "running";
     const isLong = live.kitchens.length > LONG;
-    if (shown.running !== running || shown.isLong !== isLong) {
-      Object.assign(shown, { running, isLong });
-      arrange(running, isLong, live.card.elsewhere);
+    const isBare = live.card.elsewhere || live.results !== undefined;
+    if (shown.running !== running || shown.isLong !== isLong || shown.isBare !== isBare) {
+      Object.assign(shown, { running, isLong, isBare });
+      arrange(running, isLong, isBare);
     }
+    update("results", parts.results, live.results, () => live.results && results(live, run));
     update("kitchens", parts.kitchens, [live.kitchens, live.indexed], () => kitchens(live, run));
     update("times", parts.times, live.shares, () => times(live));
     update("workers", parts.workers, live.workers, () => workers(live));
     update("warnings", parts.warnings, live.warnings, () => lines(live.warnings.slice(-8)));
     timesCard.hidden = live.frames_per_s === null || live.card.evaluation;
-    for (const [one, many] of [[kitchensCard, live.kitchens], [workersCard, live.workers], [warningsCard, live.warnings]]) one.hidden = !many.length;
+    for (const [one, many] of [[kitchensCard, live.results ? [] : live.kitchens], [workersCard, live.workers], [warningsCard, live.warnings]]) one.hidden = !many.length;
     update("log", parts.log, [live.log, live.starts], () => [lines(live.log), h("details", {}, h("summary", { class: "small soft" }, `${live.starts.length} ${live.starts.length === 1 ? "start" : "starts"}`), starts(live)), live.recordings ? h("p", { class: "small faint" }, live.recordings) : null]);
     update("validation", parts.validation, live.validation, () => (live.validation.length ? card("Validation", h("div", { class: "scroll" }, h("table", { class: "fold" },
       h("thead", {}, h("tr", {}, ["Frames", ...live.card.metrics.map(({ label }) => label)].map((name) => h("th", { scope: "col", class: "number" }, name)))),

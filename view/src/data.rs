@@ -60,6 +60,9 @@ pub struct Card {
     /// What its scenes are called, by number from that of the first scene on.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scenes: Vec<String>,
+    /// The task of environments that are no kitchens.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub task: Option<String>,
     /// Preset or, of an evaluation, what it evaluates.
     pub preset: String,
     pub seed: u64,
@@ -80,6 +83,13 @@ pub struct Card {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     pub problem: Option<String>,
+}
+
+impl Card {
+    /// Task and preset.
+    pub fn subject(&self) -> String {
+        self.task.iter().chain([&self.preset]).cloned().collect::<Vec<_>>().join(", ")
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -117,6 +127,30 @@ pub struct Live {
     pub go_on: Option<String>,
     /// Changes whenever the figures do.
     pub rollouts: u64,
+    /// Of an evaluation that is complete.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub results: Option<Results>,
+}
+
+/// What an evaluation came to, as `eval` prints it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Results {
+    /// Name and documentation of each column.
+    pub heads: Vec<[String; 2]>,
+    pub rows: Vec<ResultRow>,
+    /// Means with their intervals, a sentence each.
+    pub intervals: Vec<String>,
+    /// Further ones over all episodes: name, figure with its unit, documentation.
+    pub figures: Vec<[String; 3]>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ResultRow {
+    pub name: String,
+    /// What the table of episodes is asked for its episodes, e.g. `kitchen=3`.
+    pub filter: Option<String>,
+    pub episodes: u64,
+    pub cells: Vec<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -298,6 +332,8 @@ pub struct EpisodeRow {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EpisodeColumn {
     pub name: String,
+    /// As evaluations call it.
+    pub label: String,
     pub doc: String,
     pub is_share: bool,
 }

@@ -34,6 +34,7 @@ pub struct Opening {
     pub compare: bool,
     /// The policy that plays, in words.
     pub play: Option<String>,
+    pub program: &'static str,
     pub version: &'static str,
 }
 

@@ -122,8 +122,8 @@ impl Server {
         let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).expect("a free port");
         let address = listener.local_addr().expect("an address");
         let runs = Arc::new(One::default());
-        let settings =
-            Settings { play: None, actor, token: "0123abcd".to_owned(), open: vec!["a".to_owned()], compare: false };
+        let (token, open) = ("0123abcd".to_owned(), vec!["a".to_owned()]);
+        let settings = Settings { play: None, actor, token, open, compare: false, program: "stillroom" };
         runtime.spawn(serve(listener, Arc::clone(&runs) as Arc<dyn Runs>, settings, std::future::pending()));
         Self { address, runs, _runtime: runtime, _folder: folder }
     }
@@ -199,6 +199,7 @@ fn the_page_and_all_that_it_names_is_there_under_a_strict_policy() {
     }
     assert!(seen.len() >= 10, "{seen:?}");
     assert!(server.get("/api/opening").body.contains("\"runs\":[\"a\"]"));
+    assert!(server.get("/api/opening").body.contains("\"program\":\"stillroom\""));
 }
 
 #[test]

@@ -66,6 +66,6 @@ fn cells(card: &Card) -> Vec<String> {
     let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
     let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));
     let suite = card.suite.as_ref().map_or_else(String::new, |suite| format!("suite {suite}, "));
-    let subject = format!("{suite}{}, seed {}", card.preset, card.seed);
+    let subject = format!("{suite}{}, seed {}", card.subject(), card.seed);
     vec![card.folder.clone(), card.state.clone(), subject, done, figures, left]
 }

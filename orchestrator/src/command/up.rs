@@ -247,7 +247,9 @@ fn other_weights(from: &Path, begun: Option<&FromConfig>) -> Option<String> {
 }
 
 fn default_folder(config: &Config) -> PathBuf {
-    Path::new("runs").join(format!("{}-{}-{}", format::timestamp(unix_now()), config.preset, config.seed))
+    // Of somebody's environments the preset is the same.
+    let what = if config.environment.is_some() { &config.task } else { &config.preset };
+    Path::new("runs").join(format!("{}-{what}-{}", format::timestamp(unix_now()), config.seed))
 }
 
 fn introduce(config: &Config, asked: bool) {
@@ -271,5 +273,22 @@ fn introduce(config: &Config, asked: bool) {
     }
     if config.environment.is_some() {
         terminal::note(&format!("restore {}", config.spec().restore.describe()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::config::EnvironmentConfig;
+
+    #[test]
+    fn a_run_of_somebodys_environments_is_called_after_their_task() {
+        let named =
+            |config: &Config| default_folder(config).display().to_string().split_once('-').unwrap().1[7..].to_owned();
+        let mut config = Config::resolve("gym", None).unwrap();
+        assert_eq!(named(&config), "gym-1");
+        config.environment = Some(EnvironmentConfig { command: vec!["python".to_owned()], declaration: String::new() });
+        config.task = "cart_pole_v1".to_owned();
+        assert_eq!(named(&config), "cart_pole_v1-1");
     }
 }

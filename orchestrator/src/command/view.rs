@@ -1,6 +1,6 @@
 use super::player::Player;
 use crate::hosts::token::{draw, refuse_public};
-use crate::output::terminal;
+use crate::output::{name, terminal};
 use crate::preflight::programs;
 use crate::run::identity::host_name;
 use crate::viewer::RunReaders;
@@ -102,6 +102,7 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
         open: shown.open,
         compare: shown.compare,
         play: shown.player.as_ref().map(|player| player.plays.clone()),
+        program: name::called(),
     };
     // Where it is refused the server is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);

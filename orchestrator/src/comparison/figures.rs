@@ -1,6 +1,7 @@
 use super::settings::Row;
-use crate::evaluation::text::{place, seeds_of, shown};
-use crate::output::{format, terminal};
+use crate::evaluation::text::{place, seeds_of};
+use crate::output::format::{self, shown};
+use crate::output::terminal;
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder, state_of};
 use crate::training::means::{StageMeans, by_stage};

@@ -1,6 +1,5 @@
 use super::journal;
-use super::text::shown;
-use crate::output::format;
+use crate::output::format::{self, shown};
 use crate::training::scores::read_result;
 use anyhow::Result;
 use proto::config::Config;

@@ -1,11 +1,12 @@
-use crate::output::format::{self, NOTHING, counted};
+use crate::output::format::{self, NOTHING, counted, shown};
 use proto::config::Config;
 use proto::evaluation::{
-    Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, ObjectSet, SEEDED_EPISODES, describe,
-    seed_of,
+    CategoryFigures, Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, ObjectSet,
+    SEEDED_EPISODES, describe, seed_of,
 };
 use proto::kitchen::{KitchenId, KitchenRange, Split};
-use proto::task::{Described, Kind, Spec};
+use proto::task::{Described, Spec};
+use view::data::{ResultRow, Results};
 
 /// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and
 /// target.
@@ -73,59 +74,67 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     let mut lines = vec![seeds.unwrap_or_else(|| format!("{}, in {place}", conditions.episodes_played()))];
     let scenes = conditions.scenes.iter().enumerate().filter(|_| conditions.procedural.is_none());
     lines.extend(scenes.map(|(index, file)| format!("scene {index} is {file}")));
-    let further = spec.described().len() - spec.figures.len();
-    let printed = |one: &&Described| !one.label.is_empty();
-    let (described, heads) = (spec.described(), |one: &Described| match one.unit.as_str() {
-        "m" => format!("{} (m)", one.label),
-        _ => one.label.clone(),
-    });
-    let columns: Vec<(&Described, String)> =
-        described[..further].iter().filter(printed).map(|one| (one, heads(one))).collect();
-    let line = |name: &str, episodes: &str, cell: &dyn Fn(&Described, &str) -> String| {
-        let cells =
-            columns.iter().map(|(one, head)| format!("{:>1$}", cell(one, head), head.chars().count().max(6) + 2));
+    let results = results(spec, evaluation);
+    let wide = |head: &str| head.chars().count().max(6) + 2;
+    let line = |name: &str, episodes: &str, cells: &mut dyn Iterator<Item = &String>| {
+        let cells = results.heads.iter().zip(cells).map(|([head, _], cell)| format!("{cell:>0$}", wide(head)));
         format!("{name:<12}{episodes:>10}{}", cells.collect::<String>())
     };
-    let row = |name: &str, figures: &Figures| {
-        line(name, &figures.episodes.to_string(), &|one, _| shown(one, figures.get(&one.name)))
-    };
-    lines.push(line("", "episodes", &|_, head| head.to_owned()));
-    // A hundred lines would bury the others; the result file has them all.
-    let kitchens = if conditions.procedural.is_some() { 0 } else { evaluation.kitchens.len() };
-    let named = |kitchen: KitchenId| {
-        kitchen.scene_index().map_or_else(|| format!("kitchen {kitchen}"), |scene| format!("scene {scene}"))
-    };
-    let of_kitchen = |part: &KitchenFigures| row(&named(part.kitchen), &part.figures);
-    lines.extend(evaluation.kitchens[..kitchens].iter().map(of_kitchen));
-    lines.extend(evaluation.categories.iter().map(|part| row(part.category.name(), &part.figures)));
-    lines.extend(evaluation.object_sets.iter().map(|part| row(part.objects.name(), &part.figures)));
-    lines.push(row("all", &evaluation.overall));
-    for one in described.iter().filter(printed) {
-        if let Some([low, high]) = evaluation.intervals.get(&one.name) {
-            let [low, high] = [low, high].map(|&bound| shown(one, Some(bound)));
-            let mean = shown(one, evaluation.overall.get(&one.name));
-            lines.push(format!("{} {mean}, 95% interval {low} to {high}", one.label));
-        }
-    }
-    let figure = |one: &Described| {
-        let figure = evaluation.overall.get(&one.name);
-        let unit = if one.unit.is_empty() || figure.is_none() { String::new() } else { format!(" {}", one.unit) };
-        format!("{} {}{unit}", one.label, shown(one, figure))
-    };
-    let figures: Vec<String> = described[further..].iter().filter(printed).map(figure).collect();
+    lines.push(line("", "episodes", &mut results.heads.iter().map(|[head, _]| head)));
+    lines.extend(results.rows.iter().map(|row| line(&row.name, &row.episodes.to_string(), &mut row.cells.iter())));
+    lines.extend(results.intervals);
+    let figures: Vec<String> = results.figures.iter().map(|[label, figure, _]| format!("{label} {figure}")).collect();
     lines.extend(figures.chunks(4).map(|some| some.join(", ")));
     let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { NOTHING.to_owned() };
     lines.push(format!("{} steps in {wall_s:.1} s: {rate} steps/s", format::count(steps)));
     lines
 }
 
-pub fn shown(one: &Described, figure: Option<f64>) -> String {
-    match (one.kind, one.unit.as_str()) {
-        (Kind::Share, _) => format::percent(figure),
-        (_, "m") => format::number(figure, 3),
-        (_, "steps") => format::number(figure, 1),
-        _ => format::number(figure, 2),
+/// What an evaluation came to: a terminal prints it, and a page shows it.
+pub fn results(spec: &Spec, evaluation: &Evaluation) -> Results {
+    let described = spec.described();
+    let (columns, further) = described.split_at(described.len() - spec.figures.len());
+    let printed = |one: &&Described| !one.label.is_empty();
+    let columns: Vec<&Described> = columns.iter().filter(printed).collect();
+    let row = |name: &str, filter: Option<String>, figures: &Figures| ResultRow {
+        name: name.to_owned(),
+        filter,
+        episodes: figures.episodes,
+        cells: columns.iter().map(|one| shown(one, figures.get(&one.name))).collect(),
+    };
+    let of_kitchen = |part: &KitchenFigures| {
+        let kitchen = part.kitchen;
+        let name = kitchen.scene_index().map_or_else(|| format!("kitchen {kitchen}"), |scene| format!("scene {scene}"));
+        row(&name, Some(format!("kitchen={}", kitchen.number())), &part.figures)
+    };
+    let of_category = |part: &CategoryFigures| {
+        row(part.category.name(), Some(format!("target={}", part.category.name())), &part.figures)
+    };
+    // A hundred rows would bury the others; the result file has them all.
+    let kitchens = if evaluation.conditions.procedural.is_some() { &[][..] } else { &evaluation.kitchens };
+    let parts = kitchens.iter().map(of_kitchen).chain(evaluation.categories.iter().map(of_category));
+    let sets = evaluation.object_sets.iter().map(|part| row(part.objects.name(), None, &part.figures));
+    let interval = |one: &Described| {
+        let [low, high] = evaluation.intervals.get(&one.name)?.map(|bound| shown(one, Some(bound)));
+        let mean = shown(one, evaluation.overall.get(&one.name));
+        Some(format!("{} {mean}, 95% interval {low} to {high}", one.label))
+    };
+    let figure = |one: &Described| {
+        let figure = evaluation.overall.get(&one.name);
+        let unit = if one.unit.is_empty() || figure.is_none() { String::new() } else { format!(" {}", one.unit) };
+        [one.label.clone(), shown(one, figure) + &unit, one.doc.clone()]
+    };
+    Results {
+        heads: columns.iter().map(|one| [heading(one), one.doc.clone()]).collect(),
+        rows: parts.chain(sets).chain([row("all", None, &evaluation.overall)]).collect(),
+        intervals: described.iter().filter(printed).filter_map(interval).collect(),
+        figures: further.iter().filter(printed).map(figure).collect(),
     }
+}
+
+/// What a column is called.
+pub fn heading(one: &Described) -> String {
+    if one.unit == "m" { format!("{} (m)", one.label) } else { one.label.clone() }
 }
 
 #[cfg(test)]
@@ -161,6 +170,11 @@ mod tests {
         assert_eq!(printed[printed.len() - 5], all);
         let figures = "disturbance per success 0.000 m, success but unsafe 0.0%, unsafe of the successes 0.0%, worst";
         assert!(printed[printed.len() - 4].starts_with(figures), "{printed:#?}");
+
+        let came_to = results(arm, &evaluation(arm, ObjectSet::Novel, played(kitchen, 6, &["success", "picked_up"])));
+        let rows: Vec<_> = came_to.rows.iter().map(|row| (row.name.as_str(), row.filter.as_deref())).collect();
+        assert!(rows.contains(&("kitchen 2", Some("kitchen=2"))) && rows.last() == Some(&("all", None)), "{rows:?}");
+        assert_eq!(came_to.figures[0][..2], ["disturbance per success", "0.000 m"]);
 
         let mut evaluation = evaluation(arm, ObjectSet::Novel, played(KitchenId::scene(0).unwrap(), 6, &["success"]));
         evaluation.conditions.scenes = vec!["runs/a/scenes/000/cabin.toml".to_owned()];

@@ -53,10 +53,17 @@ pub fn percent(share: Option<f64>) -> String {
 }
 
 pub fn metric(metric: &Described, value: Option<f64>) -> String {
-    match (value, metric.unit.as_str()) {
-        (value, _) if metric.is_share() => percent(value),
-        (Some(value), unit) if !unit.is_empty() => format!("{value:.3} {unit}"),
-        (value, _) => number(value, 3),
+    let unit = if metric.is_share() || value.is_none() { "" } else { metric.unit.as_str() };
+    format!("{} {unit}", shown(metric, value)).trim_end().to_owned()
+}
+
+/// A figure without its unit. The page has the same digits.
+pub fn shown(one: &Described, figure: Option<f64>) -> String {
+    match one.unit.as_str() {
+        _ if one.is_share() => percent(figure),
+        "m" => number(figure, 3),
+        "steps" => number(figure, 1),
+        _ => number(figure, 2),
     }
 }
 
@@ -90,6 +97,7 @@ pub fn date(unix_s: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::task::Kind;
 
     #[test]
     fn durations_round_to_whole_seconds_before_they_are_split() {
@@ -97,6 +105,23 @@ mod tests {
         assert_eq!(duration(Duration::from_millis(59_600)), "1 min 00 s");
         assert_eq!(duration(Duration::from_mins(125)), "2 h 05 min");
         assert_eq!(duration(Duration::from_hours(76)), "3 d 4 h");
+    }
+
+    #[test]
+    fn a_figure_has_its_unit_and_the_digits_of_it() {
+        let one = |unit: &str, kind| Described {
+            name: String::new(),
+            label: String::new(),
+            unit: unit.to_owned(),
+            kind,
+            doc: String::new(),
+            quotient: None,
+        };
+        assert_eq!(metric(&one("", Kind::Share), Some(0.5)), "50.0%");
+        assert_eq!(metric(&one("m", Kind::F32), Some(0.0584)), "0.058 m");
+        assert_eq!(metric(&one("steps", Kind::Count), Some(12.34)), "12.3 steps");
+        assert_eq!(metric(&one("", Kind::F64), Some(500.0)), "500.00");
+        assert_eq!(metric(&one("m", Kind::F32), None), NOTHING);
     }
 
     #[test]

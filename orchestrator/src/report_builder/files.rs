@@ -1,6 +1,6 @@
 use crate::comparison::settings::{Row, differences};
-use crate::evaluation::text::shown;
-use crate::output::format::{self, counted};
+use crate::output::format::{self, counted, shown};
+use crate::output::name;
 use crate::report_builder::gather::Gathered;
 use crate::report_builder::strips::strips;
 use crate::run::identity::unix_now;
@@ -80,7 +80,16 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
         env!("CARGO_PKG_VERSION"),
         counted(runs.len() as u64, "run")
     );
-    let data = json!({ "made": made, "report": report, "episodes": episodes, "differences": between(&report, &runs) });
+    let has = |of: fn(&Config) -> bool| runs.iter().any(|run| of(&run.config));
+    let data = json!({
+        "made": made,
+        "program": name::called(),
+        "drawn": has(|config| config.environment.is_none()),
+        "labelled": has(|config| config.label().is_some()),
+        "report": report,
+        "episodes": episodes,
+        "differences": between(&report, &runs),
+    });
     fault::reach("report.before_page");
     put(PAGE, &view::page::report(&data.to_string(), &table(&report)))?;
     Ok(report)

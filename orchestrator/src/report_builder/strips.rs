@@ -1,8 +1,7 @@
 //! Episodes in pictures: one that weights from before a run's second stage and from after it both played, else the best of
 //! a run's newest evaluation; simulated again from what evaluations recorded, and drawn by `actor show`.
 
-use crate::evaluation::text::shown as in_words;
-use crate::output::format::{self, counted};
+use crate::output::format::{self, counted, shown as in_words};
 use crate::preflight::programs;
 use anyhow::{Context, Result, bail};
 use base64::Engine;

@@ -167,7 +167,7 @@ fn short_line(
         recent.frames_per_s.map(|rate| format!("{} frames/s", format::rate(rate))),
     ];
     let after = [
-        mean_return.map(|mean_return| format!("return {mean_return:.2}")),
+        mean_return.filter(|_| !is_shown(metrics, &recent.episodes)).map(|mean| format!("return {mean:.2}")),
         Some(doing.to_owned()).filter(|_| is_usual),
         recent.frames_per_s.map(|_| format!("simulate/infer/update {shares}%")),
     ];
@@ -207,12 +207,21 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     parts.join(BETWEEN)
 }
 
+/// Whether the return is one of the metrics, as where a reward is the score.
+fn is_shown(metrics: &[Described], means: &EpisodeMeans) -> bool {
+    means.mean_return.is_some() && metrics.iter().any(|one| one.mean(&means.figures) == means.mean_return)
+}
+
 pub fn figures_line(metrics: &[Described], recent: &Recent) -> String {
     let EpisodeMeans { episodes, mean_return, figures } = &recent.episodes;
     if *episodes == 0 {
         return String::new();
     }
-    format!("return {}  {}", format::number(*mean_return, 2), format::metrics(metrics, figures, "  "))
+    let figures = format::metrics(metrics, figures, "  ");
+    if is_shown(metrics, &recent.episodes) {
+        return figures;
+    }
+    format!("return {}  {figures}", format::number(*mean_return, 2))
 }
 
 #[cfg(test)]
@@ -247,6 +256,9 @@ mod tests {
         history.insert(newest);
         let recent = recent(&stages(), &history, false);
         assert_eq!(figures_line(&metrics, &recent), "return –  SR 75.0%  path 3.500 m");
+        let mut same = recent.clone();
+        same.episodes.mean_return = same.episodes.figures.get("path_m").copied();
+        assert_eq!(figures_line(&metrics, &same), "SR 75.0%  path 3.500 m", "the return is the path");
         let line = short_line(&metrics, &stages(), &recent, "updating", true, 200);
         assert!(line.contains("frames/s | SR 75.0% | path 3.500 m | updating"), "{line}");
     }

@@ -124,7 +124,7 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
     let starts = if live.starts.len() > 1 { format!("  {} starts", live.starts.len()) } else { String::new() };
     let mut title = vec![
         state,
-        Span::from(format!("  {}, seed {}  {}{starts}", printable(&card.preset), card.seed, format::duration(wall))),
+        Span::from(format!("  {}, seed {}  {}{starts}", printable(&card.subject()), card.seed, format::duration(wall))),
     ];
     // What the colours of the curves are.
     let stages = live.stages.iter().enumerate().filter(|_| live.stages.len() > 1 && !card.evaluation);

@@ -1,3 +1,4 @@
+use crate::evaluation::text::heading;
 use proto::evaluation::EpisodeRecord;
 use proto::kitchen::TargetCategory;
 use proto::task::{Described, Spec};
@@ -51,7 +52,12 @@ fn as_read<'a>(figures: impl IntoIterator<Item = (&'a str, f64)>) -> BTreeMap<St
 fn columns(spec: &Spec) -> Vec<EpisodeColumn> {
     let mut columns = spec.columns();
     columns.rotate_left(spec.plain_rewards().count());
-    let column = |one: Described| EpisodeColumn { is_share: one.is_share(), name: one.name, doc: one.doc };
+    let column = |one: Described| EpisodeColumn {
+        label: if one.label.is_empty() { String::new() } else { heading(&one) },
+        is_share: one.is_share(),
+        name: one.name,
+        doc: one.doc,
+    };
     columns.into_iter().map(column).collect()
 }
 
@@ -240,6 +246,14 @@ mod tests {
         assert_eq!(found([None, None]).total, 2001, "evaluations play the same episodes");
         assert_eq!(found([Some(1), Some(2)]).total, 0, "another seed draws others");
         assert_eq!(found([Some(1), None]).total, 0);
+    }
+
+    #[test]
+    fn columns_are_called_as_an_evaluation_calls_them() {
+        let columns = columns(arm());
+        let label = |name: &str| columns.iter().find(|one| one.name == name).unwrap().label.as_str();
+        let names = ["success_without_disturbance_per_axis", "disturbance_m", "return_r"];
+        assert_eq!(names.map(label), ["SRwoD (per axis)", "disturbance (m)", ""]);
     }
 
     #[test]

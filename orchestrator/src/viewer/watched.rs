@@ -9,7 +9,7 @@ use super::tail::{New, Tail};
 use crate::environment::growing;
 use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
-use crate::evaluation::text::conditions;
+use crate::evaluation::text::{conditions, results};
 use crate::output::format;
 use crate::run::checkpoints::newest_path;
 use crate::run::identity::{Identity, is_evaluation};
@@ -17,7 +17,7 @@ use crate::run::lock::{LockState, holder, state_of};
 use crate::training::means::{by_stage, recent};
 use crate::training::metrics::{Figures, left_out};
 use crate::training::next_steps;
-use crate::training::scores::{Score, Scores, result_folder};
+use crate::training::scores::{Score, Scores, read_result, result_folder};
 use crate::training::summary::Summary;
 use crate::training::wall::{Wall, elapsed_s, signs_of_life};
 use anyhow::{Context, Result};
@@ -35,8 +35,8 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use view::data::{
-    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, Made, Problem, Recorded, Stage,
-    Start, Validated,
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, Made, Problem, Recorded, Results,
+    Stage, Start, Validated,
 };
 
 /// How long recordings are read at a time: while a run is watched, each second; and for a table that somebody waits
@@ -63,6 +63,8 @@ pub struct Watched {
     episode_index: EpisodeIndex,
     processes: Processes,
     id: Option<String>,
+    /// Of an evaluation that is complete.
+    results: Option<Results>,
 }
 
 impl Watched {
@@ -79,6 +81,7 @@ impl Watched {
             episode_index: EpisodeIndex::of(folder.clone()),
             processes: Processes::default(),
             id: None,
+            results: None,
             entry,
             folder,
         }
@@ -109,6 +112,7 @@ impl Watched {
     fn card_of(&self, config: &Config, identity: &Identity, held: &LockState) -> Result<Card> {
         let card = Card {
             seed: config.seed,
+            task: config.environment.is_some().then(|| config.task.clone()),
             preset: config.preset.clone(),
             created_unix_s: identity.created_unix_s,
             elsewhere: config.environment.is_some(),
@@ -168,6 +172,9 @@ impl Watched {
         }
         let scores = Scores::read(&self.folder, config.spec(), at_rest);
         notes.extend(scores.notes);
+        if self.results.is_none() && config.evaluation.is_some() {
+            self.results = read_result(&self.folder).ok().map(|result| results(config.spec(), &result));
+        }
         let cores = std::thread::available_parallelism().ok().map(usize::from);
         notes.extend(self.read_logs());
         let empty = VecDeque::new();
@@ -194,6 +201,7 @@ impl Watched {
             notes,
             rollouts: self.history.len() as u64,
             go_on: self.go_on(&identity, &held)?,
+            results: self.results.clone(),
             card: self.card_of(&config, &identity, &held)?,
         })
     }

@@ -29,7 +29,7 @@ fn a_run_opens_its_page_in_a_browser_and_the_viewer_ends_with_it() {
         for name in ["learner-0", "actor-00", "actor-01", "orchestrator"] {
             browser.wait_for(&format!("document.body.innerText.includes({name:?})"));
         }
-        browser.wait_for("document.body.innerText.includes('waiting for simulation')");
+        browser.wait_for("document.body.innerText.includes('simulate')");
         assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
     }
     workshop.call(&["stop", "runs/seen"]).good();
