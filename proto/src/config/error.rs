@@ -1,15 +1,17 @@
 //! Configuration errors with file, line and a suggestion.
 
+use super::presets;
 use crate::likeness::{nearest, suggestion};
 use crate::task::SpecError;
 use serde::de::DeserializeOwned;
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    #[error("there is no preset `{name}`{}; `orchestrator presets` lists them", suggestion(.nearest.as_deref()))]
+    #[error("there is no preset `{name}`{}", unknown(.name, .nearest.as_deref()))]
     UnknownPreset { name: String, nearest: Option<String> },
-    #[error("cannot read configuration {path}: {cause}", path = .path.display())]
+    #[error("cannot read configuration {path}: {}", unread(.path, .cause), path = .path.display())]
     Unreadable { path: PathBuf, cause: std::io::Error },
     #[error("{cause} (mend it, or{remedy})")]
     OfRun { cause: Box<ConfigError>, remedy: String },
@@ -44,6 +46,24 @@ pub enum ConfigError {
     Task { key: String, cause: SpecError },
 }
 
+/// The end of a message about a name that no preset has.
+fn unknown(name: &str, nearest: Option<&str>) -> String {
+    match name.ends_with(".toml") {
+        true => format!(": a file is given as `--config {name}`"),
+        false => format!("{}; `orchestrator presets` lists them", suggestion(nearest)),
+    }
+}
+
+/// Why a file cannot be read, and what to type where a preset was meant.
+fn unread(path: &Path, cause: &std::io::Error) -> String {
+    let name = path.to_str().filter(|name| presets().iter().any(|preset| preset.name == **name));
+    match (cause.kind(), name) {
+        (ErrorKind::NotFound, Some(name)) => format!("there is no such file; `--preset {name}` takes the preset"),
+        (ErrorKind::NotFound, None) => "there is no such file".to_owned(),
+        _ => cause.to_string(),
+    }
+}
+
 /// Parses TOML; `origin` names the source in errors.
 pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
     toml::from_str(text).map_err(|error: toml::de::Error| {
@@ -65,7 +85,10 @@ pub fn in_plain_words(message: &str) -> String {
     let Some((found, expected)) = wrong.and_then(|wrong| wrong.split_once(", expected ")) else {
         if let Some(rest) = message.strip_prefix("unknown variant `") {
             let mut names = rest.split('`').step_by(2);
-            let meant = nearest(names.next().unwrap_or_default(), names);
+            let (word, mut known) = (names.next().unwrap_or_default(), names.clone());
+            // By its letters it is nearer to `cpu`.
+            let is_gpu = word.eq_ignore_ascii_case("gpu") && known.any(|name| name == "cuda");
+            let meant = if is_gpu { Some("cuda".to_owned()) } else { nearest(word, names) };
             return format!("unknown value `{rest}{}", suggestion(meant.as_deref()));
         }
         return message.replacen("missing field ", "missing key ", 1);
