@@ -143,20 +143,6 @@ pub struct TooFewFrames {
     pub stages: usize,
 }
 
-/// Frames as people write them: 2000000, 2_000_000, 2M or 2e6; none of what is no whole number from 1 on.
-pub fn frames(text: &str) -> Option<u64> {
-    let plain = text.replace('_', "");
-    let (digits, unit) = match plain.char_indices().last() {
-        Some((at, 'k' | 'K')) => (&plain[..at], 1e3),
-        Some((at, 'M')) => (&plain[..at], 1e6),
-        Some((at, 'G')) => (&plain[..at], 1e9),
-        _ => (&plain[..], 1.0),
-    };
-    // Doubles hold all whole numbers up to here.
-    let exact = |frames: &f64| frames.fract() == 0.0 && (1.0..=2f64.powi(53)).contains(frames);
-    digits.parse::<f64>().ok().map(|number| number * unit).filter(exact).map(|frames| frames as u64)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,9 +4,9 @@
 use anyhow::Result;
 use clap::Args;
 use proto::bounded;
-use proto::config::{Config, ConfigError, Setting};
+use proto::config::{self, Config, ConfigError, Setting};
 use proto::device::Torch;
-use proto::stage::{self, scale_to};
+use proto::stage::scale_to;
 use proto::task::Spec;
 use std::path::PathBuf;
 
@@ -135,7 +135,7 @@ pub fn seed(text: &str) -> Result<u64, String> {
 }
 
 pub fn frames(text: &str) -> Result<u64, String> {
-    stage::frames(text)
+    config::frames(text)
         .ok_or_else(|| "expected a whole number of frames from 1 on: 2000000, 2_000_000, 2M or 2e6".into())
 }
 

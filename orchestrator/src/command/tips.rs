@@ -220,13 +220,17 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
 
 /// What is wrong with a key of a configuration that another program has, in a sentence's end; nothing of other errors.
 pub fn of_key(error: &anyhow::Error) -> String {
-    let of_suite = wrong::causes(error).find_map(|cause| match cause.downcast_ref::<ConfigError>() {
-        Some(ConfigError::UnknownKey { key, origin, .. }) if ["runs", "seeds", "evaluations"].contains(&&**key) => {
+    let of_file = wrong::causes(error).find_map(|cause| match cause.downcast_ref::<ConfigError>()? {
+        ConfigError::UnknownKey { key, origin, .. } if ["runs", "seeds", "evaluations"].contains(&&**key) => {
             Some(format!("; a suite's file is for `orchestrator suite {}`", quoted(origin)))
+        }
+        ConfigError::Unreadable { path, .. } => {
+            let preset = presets().iter().find(|preset| path.as_os_str() == &*preset.name)?;
+            Some(format!("; `--preset {}` takes the preset", preset.name))
         }
         _ => None,
     });
-    if let Some(tip) = of_suite {
+    if let Some(tip) = of_file {
         return tip;
     }
     let key = wrong::causes(error).find_map(|cause| {
@@ -456,6 +460,9 @@ mod tests {
         let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
         let ours = "; here it is `ppo.learning_rate=RATE`";
         assert_eq!(super::of_key(&error.into()), ours);
+        let error = super::Config::resolve_set("demo", Some("demo".as_ref()), &[]).unwrap_err();
+        assert_eq!(error.to_string(), "cannot read configuration demo: there is no such file");
+        assert_eq!(super::of_key(&error.into()), "; `--preset demo` takes the preset");
         std::fs::write(&file, "[[runs]]\npreset = \"demo\"\n").unwrap();
         let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
         let of_suite = format!("; a suite's file is for `orchestrator suite {}`", file.display());

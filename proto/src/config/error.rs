@@ -1,6 +1,5 @@
 //! Configuration errors with file, line and a suggestion.
 
-use super::presets;
 use crate::likeness::{nearest, suggestion};
 use crate::task::SpecError;
 use serde::de::DeserializeOwned;
@@ -11,7 +10,7 @@ use std::path::{Path, PathBuf};
 pub enum ConfigError {
     #[error("there is no preset `{name}`{}", unknown(.name, .nearest.as_deref()))]
     UnknownPreset { name: String, nearest: Option<String> },
-    #[error("cannot read configuration {path}: {}", unread(.path, .cause), path = .path.display())]
+    #[error("cannot read configuration {path}: {}", unread(.cause), path = .path.display())]
     Unreadable { path: PathBuf, cause: std::io::Error },
     #[error("{cause} (mend it, or{remedy})")]
     OfRun { cause: Box<ConfigError>, remedy: String },
@@ -48,20 +47,16 @@ pub enum ConfigError {
 
 /// The end of a message about a name that no preset has.
 fn unknown(name: &str, nearest: Option<&str>) -> String {
-    match name.ends_with(".toml") {
-        true => format!(": a file is given as `--config {name}`"),
-        false => format!("{}; `orchestrator presets` lists them", suggestion(nearest)),
+    if Path::new(name).extension().is_some_and(|extension| extension == "toml") {
+        format!(": a file is given as `--config {name}`")
+    } else {
+        format!("{}; `orchestrator presets` lists them", suggestion(nearest))
     }
 }
 
-/// Why a file cannot be read, and what to type where a preset was meant.
-fn unread(path: &Path, cause: &std::io::Error) -> String {
-    let name = path.to_str().filter(|name| presets().iter().any(|preset| preset.name == **name));
-    match (cause.kind(), name) {
-        (ErrorKind::NotFound, Some(name)) => format!("there is no such file; `--preset {name}` takes the preset"),
-        (ErrorKind::NotFound, None) => "there is no such file".to_owned(),
-        _ => cause.to_string(),
-    }
+/// Why a file cannot be read.
+fn unread(cause: &std::io::Error) -> String {
+    if cause.kind() == ErrorKind::NotFound { "there is no such file".to_owned() } else { cause.to_string() }
 }
 
 /// Parses TOML; `origin` names the source in errors.

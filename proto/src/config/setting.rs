@@ -5,7 +5,6 @@ use super::error::{self, ConfigError};
 use super::place::with_range;
 use super::preset::overlay;
 use crate::likeness::suggestion;
-use crate::stage::frames;
 use std::str::FromStr;
 use toml::{Table, Value};
 
@@ -104,15 +103,28 @@ impl FromStr for Setting {
     }
 }
 
+/// Frames as people write them: 2000000, 2_000_000, 2M or 2e6; none of what is no whole number from 1 on.
+pub fn frames(text: &str) -> Option<u64> {
+    let plain = text.replace('_', "");
+    let (digits, unit) = match plain.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&plain[..at], 1e3),
+        Some((at, 'M')) => (&plain[..at], 1e6),
+        Some((at, 'G')) => (&plain[..at], 1e9),
+        _ => (&plain[..], 1.0),
+    };
+    // Doubles hold all whole numbers up to here.
+    let exact = |frames: &f64| frames.fract() == 0.0 && (1.0..=2f64.powi(53)).contains(frames);
+    digits.parse::<f64>().ok().map(|number| number * unit).filter(exact).map(|frames| frames as u64)
+}
+
 /// A number as TOML has it that was written with a comma, in percent or with a unit of time.
 fn as_number(key: &str, text: &str) -> Option<String> {
-    let scaled = |number: &str, by: f64| Some((number.parse::<f64>().ok()? * by).to_string());
     if let Some((whole, decimals)) = text.split_once(',') {
         let is_thousands = decimals.split(',').all(|group| group.len() == 3) && whole != "0";
         return Some(if is_thousands { text.replace(',', "_") } else { format!("{whole}.{decimals}") });
     }
     if let Some(percents) = text.strip_suffix('%') {
-        return scaled(percents, 0.01);
+        return Some((percents.parse::<f64>().ok()? / 100.0).to_string());
     }
     let unit = text.find(|letter: char| letter.is_ascii_alphabetic()).filter(|_| key.ends_with("_s"))?;
     let seconds = match &text[unit..] {
@@ -121,7 +133,7 @@ fn as_number(key: &str, text: &str) -> Option<String> {
         "h" => 3600.0,
         _ => return None,
     };
-    scaled(&text[..unit], seconds)
+    Some((text[..unit].parse::<f64>().ok()? * seconds).to_string())
 }
 
 /// The keys whose last part is this name.
