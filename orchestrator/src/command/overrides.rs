@@ -135,7 +135,7 @@ pub fn seed(text: &str) -> Result<u64, String> {
 }
 
 pub fn frames(text: &str) -> Result<u64, String> {
-    config::frames(text)
+    config::frames_in(text)
         .ok_or_else(|| "expected a whole number of frames from 1 on: 2000000, 2_000_000, 2M or 2e6".into())
 }
 

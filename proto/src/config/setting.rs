@@ -86,7 +86,7 @@ impl FromStr for Setting {
             return Err(SettingError::SaidElsewhere { key, instead });
         }
         let set = |value: &str| Self::new(key, value_of(value)?);
-        let counted = key.ends_with("_frames").then(|| frames(value.trim())).flatten();
+        let counted = key.ends_with("_frames").then(|| frames_in(value.trim())).flatten();
         set(&counted.map_or_else(|| value.to_owned(), |frames| frames.to_string())).map_err(|error| match error {
             SettingError::WrongType(problem) if problem == "expected a list, found a table" => {
                 let frames = if key.ends_with(".frames") { "; `--frames` scales all stages" } else { "" };
@@ -104,7 +104,7 @@ impl FromStr for Setting {
 }
 
 /// Frames as people write them: 2000000, 2_000_000, 2M or 2e6; none of what is no whole number from 1 on.
-pub fn frames(text: &str) -> Option<u64> {
+pub fn frames_in(text: &str) -> Option<u64> {
     let plain = text.replace('_', "");
     let (digits, unit) = match plain.char_indices().last() {
         Some((at, 'k' | 'K')) => (&plain[..at], 1e3),
