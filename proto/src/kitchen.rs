@@ -142,7 +142,7 @@ impl FromStr for KitchenRange {
         let parsed =
             text.split_once("..").and_then(|(first, end)| Some((first.trim().parse().ok()?, end.trim().parse().ok()?)));
         parsed.and_then(|(first, end)| Self::new(first, end)).ok_or_else(|| {
-            format!("`{text}` is no range of procedural kitchens: 1000..1040 are forty of them, from 1000 on")
+            format!("`{text}` is no range of procedural kitchens: FIRST..END, from 1000 on and without END, as in 1000..1040")
         })
     }
 }

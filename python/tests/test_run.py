@@ -62,6 +62,10 @@ def test_metrics_are_those_that_count(tmp_path: Path) -> None:
         assert len(frame) == 0
     assert run.summary == {}
 
+    metrics = '[[metrics]]\nname = "success"\n[[metrics]]\nname = "success_without_disturbance"\n'
+    run = stillroom.read_run(folder(tmp_path / "b", **{"task.toml": metrics}))
+    assert run.evaluations[["success", "success_without_disturbance"]].empty
+
 
 def test_rollouts_that_the_file_has_lost_are_those_of_the_checkpoint(tmp_path: Path) -> None:
     kept = "\n".join([line(0, 100), line(1, 200, **{"loss/value": 2}), line(2, 300)]) + "\n"

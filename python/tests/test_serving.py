@@ -417,10 +417,14 @@ def test_a_process_answers_with_its_description_alone(tmp_path: Path):
     [
         (RuntimeError("no display"), r"step 1: its render\(\) raised RuntimeError: no display \(.*_serving.py:\d+\)"),
         (NotImplementedError(), r"step 1: its render\(\) raised NotImplementedError \(.*_serving.py:\d+\)"),
+        (
+            gymnasium.error.DependencyNotInstalled("no pygame: `pip install pygame`"),
+            r"step 1: its render\(\) raised DependencyNotInstalled: no pygame: `pip install pygame` \(.*_serving.py:\d+\)",
+        ),
         (None, r"step 1: its render\(\) returned object \(\), not uint8 of height, width and 3"),
     ],
 )
-def test_a_picture_that_is_not_drawn_is_said_with_its_step(drawn, problem):
+def test_a_picture_that_is_not_drawn_is_said_with_its_step(drawn, problem, capfd):
     class Drawn(Env):
         render_mode = "rgb_array"
         calls = 0
@@ -439,6 +443,8 @@ def test_a_picture_that_is_not_drawn_is_said_with_its_step(drawn, problem):
     for _ in range(2):
         camera.step(0)
     assert camera.problem is not None and re.fullmatch(problem, camera.problem)
+    # Where something is not installed, the sentence is all.
+    assert ("Traceback" in capfd.readouterr().err) == isinstance(drawn, RuntimeError)
 
 
 def test_every_episode_has_a_seed_of_its_own():

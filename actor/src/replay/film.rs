@@ -47,12 +47,19 @@ impl Played {
     }
 }
 
+/// An outcome in the name of a file: `success` beside `success-without-disturbance` is `success-with-disturbance`.
+fn file_word(rules: &Rules, outcome: &str) -> String {
+    let lacking = |good: String| good.strip_prefix(outcome)?.strip_prefix("-without-").map(str::to_owned);
+    let lacking = rules.spec.good_outcomes().find_map(lacking);
+    lacking.map_or_else(|| outcome.to_owned(), |lacking| format!("{outcome}-with-{lacking}"))
+}
+
 /// An outcome for the caption, and its place among the successes.
 fn outcome_in_words(rules: &Rules, outcome: &str) -> (String, Option<usize>) {
     if outcome == UNFINISHED {
         ("the recording ends here".to_owned(), None)
     } else {
-        (outcome.replace('-', " "), rules.spec.good_outcomes().position(|good| good == outcome))
+        (file_word(rules, outcome).replace('-', " "), rules.spec.good_outcomes().position(|good| good == outcome))
     }
 }
 
@@ -106,7 +113,7 @@ impl Film {
         }
         let side = images.side as usize;
         let target = picture::target_name(rules.spec, &self.record);
-        let name = self.played.name(target, outcome);
+        let name = self.played.name(target, &file_word(rules, outcome));
         let mut sink = Sink::create(images, Path::new(&images.folder), &name, self.moments.len())?;
         let story = (images.format != ImageFormat::Png).then(|| {
             let task = picture::task(rules.spec, environment, &self.record, self.played.title(target));
@@ -162,6 +169,9 @@ mod tests {
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
         let outcome = |word| outcome_in_words(&rules, word);
         assert_eq!(outcome("success-without-disturbance"), ("success without disturbance".to_owned(), Some(0)));
-        assert_eq!([outcome("success").1, outcome("time-limit").1, outcome(UNFINISHED).1], [Some(1), None, None]);
+        assert_eq!(outcome("success"), ("success with disturbance".to_owned(), Some(1)));
+        assert_eq!([outcome("time-limit").1, outcome(UNFINISHED).1], [None, None]);
+        let names = ["success", "success-without-disturbance", "failure"].map(|word| file_word(&rules, word));
+        assert_eq!(names, ["success-with-disturbance", "success-without-disturbance", "failure"]);
     }
 }

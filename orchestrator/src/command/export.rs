@@ -9,6 +9,7 @@ use anyhow::{Context, Result, bail, ensure};
 use export::{Policy, Precision};
 use proto::dataset::{DatasetRequest, DatasetSetup, PictureKind};
 use proto::exit::EXIT_INCOMPLETE;
+use proto::run_folder::write_atomically;
 use recording::episodes::Recorded;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -212,5 +213,20 @@ fn free(path: &Path) -> Result<()> {
 }
 
 fn write(path: &Path, content: &[u8]) -> Result<()> {
-    std::fs::write(path, content).with_context(|| format!("{} cannot be written", path.display()))
+    write_atomically(path, content).with_context(|| format!("{} cannot be written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As on a full disk: an empty file was in the next call's way.
+    #[test]
+    fn a_file_that_cannot_be_written_is_not_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("policy.onnx");
+        std::fs::create_dir_all(folder.path().join("policy.onnx.partial/full")).unwrap();
+        assert!(write(&out, b"model").unwrap_err().to_string().ends_with("policy.onnx cannot be written"));
+        free(&out).unwrap();
+    }
 }

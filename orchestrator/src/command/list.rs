@@ -1,4 +1,4 @@
-use crate::output::table::aligned;
+use crate::output::table::fitted;
 use crate::output::{format, terminal};
 use crate::viewer::RunReaders;
 use crate::wrong::demand;
@@ -42,7 +42,7 @@ pub fn show(folders: &[PathBuf], json: bool) -> Result<()> {
         terminal::note("no run yet: `orchestrator up` starts one");
     }
     let rows: Vec<Vec<String>> = cards.iter().map(cells).collect();
-    for line in aligned(&rows) {
+    for line in fitted(&rows, terminal::width()) {
         terminal::out(&line);
     }
     // Sentences would widen a column for all.

@@ -4,7 +4,7 @@
 use anyhow::Result;
 use clap::Args;
 use proto::bounded;
-use proto::config::{Config, ConfigError, Setting};
+use proto::config::{self, Config, ConfigError, Setting};
 use proto::device::Torch;
 use proto::stage::scale_to;
 use proto::task::Spec;
@@ -135,18 +135,7 @@ pub fn seed(text: &str) -> Result<u64, String> {
 }
 
 pub fn frames(text: &str) -> Result<u64, String> {
-    let plain = text.replace('_', "");
-    let (digits, unit) = match plain.char_indices().last() {
-        Some((at, 'k' | 'K')) => (&plain[..at], 1e3),
-        Some((at, 'M')) => (&plain[..at], 1e6),
-        Some((at, 'G')) => (&plain[..at], 1e9),
-        _ => (&plain[..], 1.0),
-    };
-    // Doubles hold all whole numbers up to here.
-    let exact = |frames: &f64| frames.fract() == 0.0 && (1.0..=2f64.powi(53)).contains(frames);
-    let frames = digits.parse::<f64>().ok().map(|number| number * unit).filter(exact);
-    frames
-        .map(|frames| frames as u64)
+    config::frames_in(text)
         .ok_or_else(|| "expected a whole number of frames from 1 on: 2000000, 2_000_000, 2M or 2e6".into())
 }
 

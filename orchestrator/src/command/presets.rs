@@ -1,6 +1,7 @@
+use crate::output::table::{aligned, fitted};
 use crate::output::terminal;
 use anyhow::Result;
-use proto::config::presets;
+use proto::config::{Preset, presets};
 
 /// List the presets
 #[derive(Debug, clap::Args)]
@@ -19,9 +20,48 @@ pub fn run(args: &PresetsArgs) -> Result<()> {
         terminal::out_json(&list)?;
         return Ok(());
     }
-    let width = presets().iter().map(|preset| preset.name.len()).max().unwrap_or(0);
-    for preset in presets() {
-        terminal::out(&format!("{:width$}  {}", preset.name, preset.summary));
+    let cells = |preset: &Preset| vec![preset.name.clone(), preset.summary.clone()];
+    let Some(columns) = terminal::width() else {
+        aligned(&presets().iter().map(cells).collect::<Vec<_>>()).iter().for_each(|line| terminal::out(line));
+        return Ok(());
+    };
+    for group in presets().chunk_by(|one, next| heading(&one.name) == heading(&next.name)) {
+        terminal::out(heading(&group[0].name));
+        let rows: Vec<_> = group.iter().map(cells).collect();
+        fitted(&rows, Some(columns - INDENT.len())).iter().for_each(|line| terminal::out(&format!("{INDENT}{line}")));
     }
     Ok(())
+}
+
+const INDENT: &str = "  ";
+
+/// What a preset is for, by the beginning of its name.
+fn heading(name: &str) -> &'static str {
+    match name.split('-').next().unwrap_or_default() {
+        "demo" | "point" => "To begin with, on a CPU",
+        "gym" => "Environments of your own",
+        "paper" | "recipe" if !name.ends_with("procedural") => "The whole training, on a GPU",
+        "short" => "The same in few frames",
+        "recipe" | "procedural" => "In kitchens without end",
+        "ablation" => "Rows of the paper: ablations of network and inputs",
+        "small" => "Rows of the paper: fewer actions",
+        "lambda" | "lagrangian" => "Rows of the paper: the price of a disturbance",
+        _ => "Rows of the paper: auxiliary tasks, each with five plans of rewards",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_group_of_presets_stands_together_below_one_heading() {
+        let groups = presets().chunk_by(|one, next| heading(&one.name) == heading(&next.name));
+        let headings: Vec<_> = groups.map(|group| (heading(&group[0].name), group.len())).collect();
+        let mut once = headings.clone();
+        once.sort_unstable();
+        once.dedup_by_key(|(heading, _)| *heading);
+        assert_eq!((once.len(), headings.len()), (9, 9), "{headings:?}");
+        assert_eq!(headings[0], ("To begin with, on a CPU", 2));
+    }
 }

@@ -28,7 +28,7 @@ pub struct RecoverArgs {
 
 pub fn run(args: &RecoverArgs) -> Result<ExitCode> {
     let file = args.file.display();
-    demand!(args.file.exists(), "{file} does not exist");
+    demand!(args.file.exists(), "{file} does not exist: name a recording, of a run a file in RUN/recordings");
     demand!(
         !args.file.is_dir(),
         "{file} is a folder: name a recording, of a run a file in {}",

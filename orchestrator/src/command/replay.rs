@@ -12,8 +12,12 @@ use proto::exit::EXIT_INCOMPLETE;
 use proto::replay::{Difference, ImageFormat, RecordedEpisode, ReplayImages, ReplaySetup};
 use proto::run_folder::RunFolder;
 use recording::episodes::Recorded;
+use std::fs::DirEntry;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::{Duration, SystemTime};
+
+const NAMES_MOST: usize = 10;
 
 /// Simulate recorded episodes again: films of the newest ones, or with --check a proof of all
 ///
@@ -102,6 +106,8 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     if images.is_some() && !picks && films > 1 && !args.choice.is_of_one_environment() {
         terminal::note(&format!("makes {films} films: --environment chooses one environment"));
     }
+    // A file's time is that of the last tick of the kernel's clock.
+    let began = SystemTime::now() - Duration::from_millis(100);
     let mut totals = Totals::default();
     let mut in_kitchens = true;
     for (mut setup, episodes) in shares {
@@ -120,7 +126,10 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     if let Some(images) = &images {
         match images.format {
             ImageFormat::Png => terminal::out(&format!("images: {} in {}", totals.images, images.folder)),
-            _ => terminal::out(&format!("films: {} in {}", totals.episodes, images.folder)),
+            _ => {
+                terminal::out(&format!("films: {} in {}", totals.episodes, images.folder));
+                names_since(Path::new(&images.folder), began).iter().for_each(|name| terminal::out(name));
+            }
         }
     }
     terminal::out(&format!("differences: {}", totals.different));
@@ -142,6 +151,18 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
             )
         }
     }
+}
+
+/// Files in a folder that were written since then, by name, so many of them at most, and how many more there are.
+fn names_since(folder: &Path, began: SystemTime) -> Vec<String> {
+    let is_new = |file: &DirEntry| file.metadata().and_then(|file| file.modified()).is_ok_and(|time| time >= began);
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten().filter(is_new);
+    let mut names: Vec<String> = files.map(|file| format!("  {}", file.file_name().display())).collect();
+    names.sort_unstable();
+    let more = names.len().saturating_sub(NAMES_MOST);
+    names.truncate(NAMES_MOST);
+    names.extend((more > 0).then(|| format!("  and {more} more")));
+    names
 }
 
 type Share = (ReplaySetup, Vec<RecordedEpisode>);
@@ -197,4 +218,23 @@ impl ReplayArgs {
 /// The run or evaluation whose folder this is, or whose recording.
 fn run_of(path: &Path) -> Option<RunFolder> {
     if path.is_dir() { Some(RunFolder::new(path)) } else { RunFolder::of_recording(path) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn films_are_named_and_those_of_before_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str| std::fs::File::create(folder.path().join(name)).unwrap();
+        let old = write("old.mp4");
+        old.set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        write("b.mp4");
+        write("a.mp4");
+        assert_eq!(names_since(folder.path(), SystemTime::UNIX_EPOCH + Duration::from_secs(1)), ["  a.mp4", "  b.mp4"]);
+        (0..NAMES_MOST).for_each(|number| drop(write(&format!("{number:02}.mp4"))));
+        let names = names_since(folder.path(), SystemTime::UNIX_EPOCH);
+        assert_eq!((names.len(), names[10].as_str()), (11, "  and 3 more"));
+    }
 }

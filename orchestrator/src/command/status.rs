@@ -12,6 +12,7 @@ use crate::training::means::{Recent, StageMeans, by_stage, recent};
 use crate::training::metrics::Figures;
 use crate::training::next_steps;
 use crate::training::progress::frames_line;
+use crate::training::restarts::restarts;
 use crate::training::scores::Scores;
 use crate::training::summary::{Summary, table};
 use crate::training::wall::{Wall, signs_of_life, silent_s};
@@ -75,6 +76,9 @@ enum Work {
         /// Actors whose memory grows without an end in sight.
         #[serde(skip_serializing_if = "BTreeMap::is_empty")]
         growth: BTreeMap<String, String>,
+        /// How often processes died and were started again, and why the last did.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        restarts: Vec<String>,
         #[serde(skip_serializing_if = "Vec::is_empty")]
         notes: Vec<String>,
     },
@@ -104,6 +108,7 @@ impl Work {
             silent_s,
             usual_s: usual_s(&history),
             growth: growing(folder, config),
+            restarts: restarts(folder),
             notes,
         })
     }
@@ -125,7 +130,7 @@ impl Work {
     /// As people read it. `goes_on`: whether somebody works on it. `starts`: how often somebody began to.
     fn lines(&self, config: &Config, goes_on: bool, starts: usize) -> Vec<String> {
         match self {
-            Self::Training { recent, stages, wall, silent_s, usual_s, growth, notes, .. } => {
+            Self::Training { recent, stages, wall, silent_s, usual_s, growth, restarts, notes, .. } => {
                 let metrics = config.spec().shown();
                 let mut lines = vec![frames_line(&config.stages, recent)];
                 if !stages.is_empty() {
@@ -137,6 +142,7 @@ impl Work {
                 if starts > 0 {
                     lines.push(wall.text(starts as u32));
                 }
+                lines.extend(restarts.iter().cloned());
                 lines.extend(growth.iter().map(|(actor, growth)| format!("{actor}: {growth}")));
                 if let Some(silent_s) = silent_s.filter(|&silent_s| silent_s as f64 > (3.0 * usual_s).max(10.0)) {
                     lines.push(format!("no rollout for {silent_s} s (the last ones took {usual_s:.1} s each)"));
@@ -181,7 +187,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
             match suite::Standing::read(folder.root()) {
                 Ok(standing) => {
                     terminal::out(&standing.summary());
-                    terminal::out(&standing.each());
+                    terminal::out_wrapped(&standing.each());
                 }
                 Err(error) => terminal::note(&format!("{error:#}")),
             }
@@ -214,31 +220,31 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         LockState::Free | LockState::Unsigned => String::new(),
     };
     let Status { id, state, preset, seed, incarnations, recordings, stopped, work } = status;
-    terminal::out(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
+    terminal::out_wrapped(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
     if let Some(last) = incarnations.last() {
-        terminal::out(&format!("start {} at {}", last.number, format::date(last.started_unix_s)));
+        terminal::out_wrapped(&format!("start {} at {}", last.number, format::date(last.started_unix_s)));
         if let Some(reason) = last.ended.as_ref().and_then(|ended| ended.reason.as_ref()) {
-            terminal::out(reason);
+            terminal::out_wrapped(reason);
         }
     }
     if let LockState::By(holder) = &held {
         for process in &stopped {
-            terminal::out(&stopped_line(process, holder.pid));
+            terminal::out_wrapped(&stopped_line(process, holder.pid));
         }
     }
     for line in identity.changes_of_shape() {
-        terminal::out(&line);
+        terminal::out_wrapped(&line);
     }
     for line in work.lines(&config, held != LockState::Free, incarnations.len()) {
-        terminal::out(&line);
+        terminal::out_wrapped(&line);
     }
     if let Some(recordings) = recordings {
-        terminal::out(&format::recordings(&recordings));
+        terminal::out_wrapped(&format::recordings(&recordings));
     }
     // An evaluation is not gone on with.
     if held == LockState::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {
         let go_on = next_steps::go_on(&next_steps::program(), folder.root(), identity.hosts());
-        terminal::out(&format!("go on with: {go_on}"));
+        terminal::out_wrapped(&format!("go on with: {go_on}"));
     }
     Ok(())
 }

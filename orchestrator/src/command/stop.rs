@@ -7,13 +7,13 @@ use crate::run::identity::{Identity, is_evaluation};
 use crate::run::lock::{Holder, LockState, holder};
 use crate::run::process_state::stopped;
 use crate::run::signal::ask_to_stop;
-use crate::suite;
+use crate::suite::{self, SuiteFolder};
 use crate::viewer::tail::Tail;
 use anyhow::{Result, bail};
 use proto::run_folder::RunFolder;
 use proto::run_state::Ending;
 use proto::shell::quoted;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tracing::Level;
 
@@ -29,12 +29,13 @@ const THERE: &str =
 ///
 /// Does what Ctrl-C in its terminal does, shows the run's log meanwhile, and waits until it is done. A learner that hangs
 /// is given ten times what its last rollouts or updates took (at least `learner.progress_deadline_s`) and time to save;
-/// then the run ends with its last checkpoint. `orchestrator resume RUN` goes on with it.
+/// then the run ends with its last checkpoint. `orchestrator resume RUN` goes on with it. Of a suite the run in progress
+/// and the suite after it are stopped.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:
   orchestrator stop runs/20261121-020423-demo-1")]
 pub struct StopArgs {
-    /// Run folder
+    /// Run folder, or that of a suite
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Give up waiting after this many seconds; the run goes on stopping
@@ -44,6 +45,9 @@ pub struct StopArgs {
 
 pub fn run(args: &StopArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
+    if suite::is_suite(folder.root()) && stop_suite(folder.root(), args.timeout)? {
+        return Ok(());
+    }
     suite::refuse(folder.root())?;
     Identity::read(&folder)?;
     let (what, asked_to) = if is_evaluation(&folder) { ("evaluation", "stop") } else { ("run", "save and stop") };
@@ -119,6 +123,32 @@ pub fn run(args: &StopArgs) -> Result<()> {
         terminal::out(&format!("frames: {frames}"));
     }
     Ok(())
+}
+
+/// Stops a suite as Ctrl-C there does, the run in progress first; whether anybody works on it.
+fn stop_suite(root: &Path, timeout_s: u64) -> Result<bool> {
+    let (suite, begin) = (SuiteFolder::new(root), Instant::now());
+    let named = root.display();
+    let mut asked = None;
+    while let Some(pid) = suite.worker()? {
+        if pid > 0 && asked != Some(pid) {
+            let is_asked = ask_to_stop(pid, &suite.lock())?;
+            std::thread::sleep(LOOK);
+            if !is_asked && suite.worker()? == Some(pid) {
+                bail!("nobody was asked: pid {pid} works on {named}, and no process here has that number; {THERE}");
+            }
+            tracing::info!("asked pid {pid} to stop");
+            asked = Some(pid);
+        }
+        if begin.elapsed() > Duration::from_secs(timeout_s) {
+            bail!("{named} has not stopped within {timeout_s} s; it still may");
+        }
+        std::thread::sleep(LOOK);
+    }
+    if asked.is_some() {
+        terminal::out(&suite::Standing::read(root)?.summary());
+    }
+    Ok(asked.is_some())
 }
 
 pub(super) struct Log(Tail);

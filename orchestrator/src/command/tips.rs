@@ -78,7 +78,18 @@ const OPTIONS: &[(&str, &str, &str)] = &[
         "`orchestrator config` prints what a run would do, `orchestrator doctor` checks the machine",
         "dry-run print-config",
     ),
+    ("up", "it is `--preset NAME`", "p"),
+    ("up", "it is `--set network.memory=none`", "gru lstm rnn recurrent"),
+    (
+        "up",
+        "the robot's and the camera's dimensions are no settings",
+        "camera robot fov camera-height camera-fov camera-pitch robot-height",
+    ),
     ("suite", "it is `--check`", "dry-run"),
+    ("list", "the newest comes first, and `orchestrator list --json` gives all to sort", "sort"),
+    ("logs", "it is `-n N`, the last lines", "tail lines"),
+    ("view", "it is `--listen IP`", "host bind address"),
+    ("replay", "it is `--images DIR`", "out output output-dir o"),
     ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
     ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps max-iterations"),
     (
@@ -179,6 +190,10 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
         word if command == "[OPTIONS]" && is_of_up(word, line) => {
             Some(format!("a command comes first, as in `orchestrator up {word}`"))
         }
+        "--run" if words.get(2).is_some_and(|second| second.starts_with("--run")) => {
+            let value = words[2].strip_prefix("--run=").or(words.get(3).map(String::as_str)).unwrap_or("RUN");
+            Some(format!("the run comes without `--run`: `orchestrator {command} {}`", quoted(value)))
+        }
         word if command == "scale" && word.parse::<u32>().is_ok() => {
             Some(format!("their number is given as `--actors {word}`"))
         }
@@ -205,6 +220,19 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
 
 /// What is wrong with a key of a configuration that another program has, in a sentence's end; nothing of other errors.
 pub fn of_key(error: &anyhow::Error) -> String {
+    let of_file = wrong::causes(error).find_map(|cause| match cause.downcast_ref::<ConfigError>()? {
+        ConfigError::UnknownKey { key, origin, .. } if ["runs", "seeds", "evaluations"].contains(&&**key) => {
+            Some(format!("; a suite's file is for `orchestrator suite {}`", quoted(origin)))
+        }
+        ConfigError::Unreadable { path, .. } => {
+            let preset = presets().iter().find(|preset| path.as_os_str() == &*preset.name)?;
+            Some(format!("; `--preset {}` takes the preset", preset.name))
+        }
+        _ => None,
+    });
+    if let Some(tip) = of_file {
+        return tip;
+    }
     let key = wrong::causes(error).find_map(|cause| {
         match (cause.downcast_ref::<ConfigError>(), cause.downcast_ref::<SettingError>()) {
             (Some(ConfigError::UnknownKey { key, nearest: None, .. }), _)
@@ -216,18 +244,30 @@ pub fn of_key(error: &anyhow::Error) -> String {
     ours.map_or_else(String::new, |ours| format!("; {}", ours.replace("`--set ", "`")))
 }
 
-/// An error of a command line, `line` as it is declared and `words` as it was typed, with what was probably meant.
-pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) -> clap::Error {
-    let text = |kind| match error.get(kind) {
+/// What an error of a command line says in this place.
+fn text_of(error: &clap::Error, kind: ContextKind) -> Option<String> {
+    match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
         Some(ContextValue::StyledStr(text)) => Some(text.to_string()),
         _ => None,
-    };
-    let tip = match error.kind() {
+    }
+}
+
+/// What was probably meant.
+fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option<String> {
+    let text = |kind| text_of(error, kind);
+    match error.kind() {
         ErrorKind::InvalidSubcommand => text(ContextKind::InvalidSubcommand).and_then(|word| {
             let all = COMMANDS.iter().flat_map(|(_, theirs)| *theirs).copied();
             let meant = match error.get(ContextKind::SuggestedSubcommand) {
-                None => nearest(&word, all).filter(|meant| likeness(&word, meant) > 0.85)?,
+                None => match nearest(&word, all).filter(|meant| likeness(&word, meant) > 0.85) {
+                    Some(theirs) => theirs,
+                    // `help` itself suggests none.
+                    None => {
+                        let own = line.get_subcommands().map(clap::Command::get_name);
+                        return Some(format!("did you mean `{}`?", nearest(&word, own)?));
+                    }
+                },
                 Some(_) => word,
             };
             let (ours, _) = COMMANDS.iter().find(|(_, theirs)| theirs.contains(&meant.as_str()))?;
@@ -240,19 +280,35 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
         ErrorKind::MissingRequiredArgument => {
             let usage = text(ContextKind::Usage).unwrap_or_default();
             let command = command_of(&usage);
-            if ["status", "stop", "resume"].contains(&command) { newest_run(command) } else { None }
+            if ["status", "stop", "resume", "eval", "report", "logs", "replay"].contains(&command) {
+                newest_run(command)
+            } else {
+                None
+            }
         }
+        ErrorKind::ArgumentConflict => Some("leave out one of the two".to_owned()),
+        ErrorKind::InvalidValue => text(ContextKind::InvalidValue).filter(|value| value == "gif").map(|_| {
+            "apng moves wherever a GIF does, and `ffmpeg -i FILM.mp4 FILM.gif` makes a GIF of a film".to_owned()
+        }),
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
             let (key, value) = setting.split_once('=')?;
-            let last = key.trim().rsplit('.').next()?;
+            let (first, last) = (key.trim().split('.').next()?, key.trim().rsplit('.').next()?);
             // A value that is wrong is no key of another program.
             let is_unknown = matches!(setting.parse::<Setting>(), Err(SettingError::UnknownKey { .. }));
-            is_unknown.then(|| ours("up", last)).flatten().or_else(|| key_of(key.trim(), value))
+            is_unknown
+                .then(|| ours("up", last).or_else(|| ours("up", first)))
+                .flatten()
+                .or_else(|| key_of(key.trim(), value))
         }),
         _ => None,
-    };
+    }
+}
+
+/// An error of a command line, `line` as it is declared and `words` as it was typed, with what was probably meant.
+pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) -> clap::Error {
+    let tip = tip_of(&error, line, words);
     let bare = |word: &str| word.trim_start_matches('-').to_owned();
-    let given = text(ContextKind::InvalidArg).map(|word| bare(&word)).unwrap_or_default();
+    let given = text_of(&error, ContextKind::InvalidArg).map(|word| bare(&word)).unwrap_or_default();
     // Letters in common alone make an argument like another.
     let is_unlike = |suggested: &ContextValue| match suggested {
         ContextValue::String(ours) => nearest(&given, std::iter::once(&*bare(ours))).is_none(),
@@ -311,6 +367,19 @@ mod tests {
             (&["--preset", "demo"], "tip: a command comes first, as in `orchestrator up --preset`"),
             (&["--verion"], "tip: a similar argument exists: '--version'"),
             (&["kitchens", "7"], "tip: it is drawn by `--kitchens 7`"),
+            (&["resume", "--run", "first"], "tip: the run comes without `--run`: `orchestrator resume first`"),
+            (&["eval", "--run=my run"], "tip: the run comes without `--run`: `orchestrator eval 'my run'`"),
+            (&["up", "-p", "demo"], "tip: here it is `--preset NAME`"),
+            (&["logs", "a", "--tail", "3"], "tip: here it is `-n N`, the last lines"),
+            (&["view", "--host", "a"], "tip: here it is `--listen IP`"),
+            (&["list", "--sort"], "tip: here the newest comes first"),
+            (&["help", "upp"], "tip: did you mean `up`?"),
+            (&["replay", "a", "--out", "b"], "tip: here it is `--images DIR`"),
+            (&["replay", "a", "--format", "gif"], "tip: apng moves wherever a GIF does"),
+            (&["eval", "a", "--split", "test", "--kitchens", "7"], "tip: leave out one of the two"),
+            (&["config", "--set", "network.gru=false"], "tip: here it is `--set network.memory=none`"),
+            (&["config", "--set", "network.recurrent=false"], "tip: here it is `--set network.memory=none`"),
+            (&["config", "--set", "camera.height=1.2"], "tip: here the robot's and the camera's dimensions are no"),
             (&["up", "-s", "1"], "tip: here it is `--seed S`"),
             (
                 &["up", "--algo", "ppo"],
@@ -391,6 +460,13 @@ mod tests {
         let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
         let ours = "; here it is `ppo.learning_rate=RATE`";
         assert_eq!(super::of_key(&error.into()), ours);
+        let error = super::Config::resolve_set("demo", Some("demo".as_ref()), &[]).unwrap_err();
+        assert_eq!(error.to_string(), "cannot read configuration demo: there is no such file");
+        assert_eq!(super::of_key(&error.into()), "; `--preset demo` takes the preset");
+        std::fs::write(&file, "[[runs]]\npreset = \"demo\"\n").unwrap();
+        let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
+        let of_suite = format!("; a suite's file is for `orchestrator suite {}`", file.display());
+        assert_eq!(super::of_key(&error.into()), of_suite);
         let suite = "seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.ppo.lr = 1e-3\n";
         let error = crate::wrong::wrong(crate::suite::Suite::parse(suite).unwrap_err());
         assert_eq!(super::of_key(&error), ours);

@@ -85,7 +85,7 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     let Scores { scores, notes: more } = Scores::read(folder, config.spec(), at_rest);
     tell(folder, notes.iter().chain(&more));
     list.count("frames", history.frames());
-    list.count("of frames", total_frames(&config.stages));
+    list.count("frames asked for", total_frames(&config.stages));
     let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
     let rate = (training_s > 0.0).then(|| history.frames() as f64 / training_s);
     list.put("frames/s", json!(rate), rate.map_or_else(String::new, format::rate));

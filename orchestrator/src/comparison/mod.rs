@@ -1,7 +1,7 @@
 mod figures;
 pub mod settings;
 
-use crate::output::table::{aligned, cell};
+use crate::output::table::{cell, fitted};
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use anyhow::{Result, ensure};
@@ -61,13 +61,12 @@ impl Comparison {
             std::iter::once(format!("  {}", row.name)).chain(cells).collect::<Vec<_>>()
         };
         let mut rows = vec![head("configuration")];
+        if self.configuration.is_empty() {
+            rows.push(vec!["  the same in all".to_owned()]);
+        }
         rows.extend(self.configuration.iter().map(row));
         rows.push(vec!["figures".to_owned()]);
         rows.extend(self.figures.iter().map(row));
-        let mut lines = aligned(&rows);
-        if self.configuration.is_empty() {
-            lines.insert(1, "  the same in all".to_owned());
-        }
-        lines
+        fitted(&rows, terminal::width())
     }
 }

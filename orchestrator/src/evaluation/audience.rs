@@ -72,10 +72,8 @@ impl EvaluationAudience {
         let mut parts = Progress::of(self.spec, asked as u64, records).parts();
         if let Some((began, _)) = self.span {
             let elapsed_s = now.saturating_sub(began).as_secs_f64();
-            let steps: u64 = self.records.values().map(|(record, _)| u64::from(record.length)).sum();
             if played > 0 && elapsed_s > 0.0 {
                 let left_s = elapsed_s / played as f64 * (asked - played) as f64;
-                parts.push(format!("{} steps/s", format::rate(steps as f64 / elapsed_s)));
                 parts.push(format!("{} left", format::duration(Duration::from_secs_f64(left_s))));
             }
         } else {

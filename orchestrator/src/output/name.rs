@@ -1,6 +1,7 @@
 //! The name of this program: `orchestrator`, and in a wheel `stillroom` as well. Texts are written with the first one, and
 //! a user of the other reads commands as that user types them.
 
+use clap::error::ErrorKind;
 use std::borrow::Cow;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
@@ -38,14 +39,16 @@ fn with_other(text: &str) -> String {
 
 /// Prints help or an error of the command line, and ends the program.
 pub fn exit(error: &clap::Error) -> ! {
-    if !*OTHER_WAS_CALLED {
-        error.exit();
-    }
     let is_terminal =
         if error.use_stderr() { std::io::stderr().is_terminal() } else { std::io::stdout().is_terminal() };
-    let styled = is_terminal && std::env::var_os("NO_COLOR").is_none();
+    let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    let styled = is_terminal && !is_dumb && std::env::var_os("NO_COLOR").is_none();
     let text = error.render();
-    let text = with_other(&if styled { text.ansi().to_string() } else { text.to_string() });
+    let text = if styled { text.ansi().to_string() } else { text.to_string() };
+    let is_error = error.use_stderr() && error.kind() != ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
+    // The tip stands right below its error.
+    let text = if is_error { text.replace("\n\n", "\n") } else { text };
+    let text = as_called(&text);
     let mut stream: Box<dyn Write> =
         if error.use_stderr() { Box::new(std::io::stderr()) } else { Box::new(std::io::stdout()) };
     // Without a reader the text has no use.

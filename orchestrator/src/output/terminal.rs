@@ -5,6 +5,7 @@
 //! program says that results are lost, as on a full disk: [`demand_written`].
 
 use super::name::as_called;
+use super::table::wrapped;
 use proto::printable::printable;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -140,6 +141,18 @@ pub fn interactive() -> bool {
 fn columns() -> usize {
     let size = rustix::termios::tcgetwinsize(std::io::stderr());
     size.map_or(80, |size| usize::from(size.ws_col)).max(20) - 1
+}
+
+/// Columns of standard output, if that is a terminal.
+pub fn width() -> Option<usize> {
+    let size = rustix::termios::tcgetwinsize(std::io::stdout()).ok()?;
+    Some(usize::from(size.ws_col)).filter(|&columns| columns > 0)
+}
+
+/// Like [`out`], broken between words where standard output is a terminal that is too narrow.
+pub fn out_wrapped(text: &str) {
+    let width = width().unwrap_or(usize::MAX);
+    text.lines().flat_map(|line| wrapped(line, width)).for_each(|line| out(&line));
 }
 
 /// Replaces the progress lines at the bottom of the screen; none removes them. Only for an [`interactive`] terminal.

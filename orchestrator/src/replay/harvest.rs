@@ -60,7 +60,7 @@ pub fn harvest(setup: DatasetSetup, requests: Vec<DatasetRequest>) -> Result<Har
         }
         if live.is_due(began.elapsed()) {
             live.show(format!(
-                "{} of {total} episodes simulated, {} states compared",
+                "{} of {total} episodes simulated, cut-off ones too, {} states compared",
                 harvest.simulated, harvest.compared
             ));
         }

@@ -102,7 +102,7 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
 
 fn no_run(folder: &Path) -> Result<&'static str> {
     if !folder.exists() {
-        return Ok("does not exist");
+        return Ok("does not exist; `orchestrator list` shows the runs that there are");
     }
     let folder = RunFolder::new(folder);
     let evaluates = folder.identity().exists() && Config::of_run(&folder)?.evaluation.is_some();

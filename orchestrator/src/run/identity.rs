@@ -140,7 +140,9 @@ impl Identity {
                     "{root} is not a run folder: it holds runs, which `orchestrator list {}` shows",
                     quoted(folder.root())
                 );
-                reject!("{root} is not a run folder: it has no run.toml");
+                reject!(
+                    "{root} is not a run folder: it has no run.toml; `orchestrator list` shows the runs that there are"
+                );
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
                 reject!(
@@ -345,7 +347,8 @@ pub mod tests {
     #[test]
     fn what_is_no_run_folder_or_of_another_schema_is_refused() {
         let (_temporary, folder) = folder();
-        assert!(Identity::read(&folder).unwrap_err().to_string().ends_with("not a run folder: it has no run.toml"));
+        let said = Identity::read(&folder).unwrap_err().to_string();
+        assert!(said.contains("not a run folder: it has no run.toml; `orchestrator list` shows"), "{said}");
         let holds = tempfile::tempdir().unwrap();
         std::fs::create_dir(holds.path().join("a")).unwrap();
         std::fs::write(holds.path().join("a/run.toml"), "").unwrap();

@@ -114,6 +114,7 @@ impl Suite {
              `orchestrator up --preset` trains a preset, `orchestrator presets` lists them",
             path.display()
         );
+        ensure!(path.exists(), "cannot read suite {}: there is no such file", path.display());
         let text = bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))?;
         let named = || path.display().to_string();
         let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };

@@ -28,18 +28,23 @@ use proto::run_folder::{RunFolder, unlike_a_flag, write_atomically};
 use proto::shell::quoted;
 use report::study::differences_between;
 use std::ffi::OsStr;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use wire::fault;
 
 const LOCK: &str = "suite.lock";
 const FILE: &str = "suite.toml";
+const PID_BYTES: u64 = 20;
+const STATE: &str = "suite.json";
 const RUNS_NAMED: usize = 4;
 const LOOKED_AT: Duration = Duration::from_millis(500);
 
+/// A file of this name alone may be a user's own, beside `runs/`: the lock is there before ours, and a copy has the state.
 pub fn is_suite(folder: &Path) -> bool {
-    folder.join(FILE).exists() && !RunFolder::new(folder).identity().exists()
+    let is_ours = || [LOCK, STATE].iter().any(|name| folder.join(name).exists());
+    folder.join(FILE).exists() && is_ours() && !RunFolder::new(folder).identity().exists()
 }
 
 /// Refuses the folder of a suite where a run's is wanted, and names its runs.
@@ -56,7 +61,7 @@ pub fn refuse(folder: &Path) -> Result<()> {
     let runs = if runs.is_empty() { "none yet".to_owned() } else { runs[..runs.len().min(RUNS_NAMED)].join(", ") };
     reject!(
         "{root} is the folder of a suite: give one of its runs ({runs}{more}); `orchestrator status {out}` shows them all, \
-         `orchestrator suite {file} --out {out}` goes on with it, and Ctrl-C there stops it"
+         `orchestrator suite {file} --out {out}` goes on with it, and `orchestrator stop {out}` stops it while it runs"
     )
 }
 
@@ -96,8 +101,19 @@ impl SuiteFolder {
         self.root.join(LOCK)
     }
 
+    /// The process that works on the suite, 0 before it has signed; none if nobody does.
+    pub fn worker(&self) -> Result<Option<u32>> {
+        let Ok(lock) = RunFolder::new(&self.root).open(&self.lock()) else { return Ok(None) };
+        if !matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)) {
+            return Ok(None);
+        }
+        let mut signed = String::new();
+        lock.take(PID_BYTES).read_to_string(&mut signed).with_context(|| self.lock().display().to_string())?;
+        Ok(Some(signed.parse().unwrap_or(0)))
+    }
+
     pub fn state(&self) -> PathBuf {
-        self.root.join("suite.json")
+        self.root.join(STATE)
     }
 
     pub fn report(&self) -> PathBuf {
@@ -208,6 +224,8 @@ impl SuiteFolder {
         if !wait_for_lock(&lock, LOOKED_AT).with_context(|| path.display().to_string())? {
             bail!("{root} is already in use: another `orchestrator suite` works on it")
         }
+        let signed = lock.set_len(0).and_then(|()| (&lock).write_all(std::process::id().to_string().as_bytes()));
+        signed.with_context(|| format!("cannot write {}", path.display()))?;
         fault::reach("suite.before_file");
         // The file first: by it the folder is known for a suite's.
         let write = |path: &Path, text: &str| {
@@ -307,7 +325,9 @@ mod tests {
         let suite = Suite::parse(TEXT).unwrap();
         folder.check(&suite).unwrap();
         refuse(&folder.root).unwrap();
-        let _lock = folder.open(&suite, TEXT).unwrap();
+        assert_eq!(folder.worker().unwrap(), None);
+        let lock = folder.open(&suite, TEXT).unwrap();
+        assert_eq!(folder.worker().unwrap(), Some(std::process::id()));
         let refused = refuse(&folder.root).unwrap_err().to_string();
         let root = folder.root.display();
         assert!(
@@ -316,6 +336,8 @@ mod tests {
         );
         assert!(refused.contains(&format!("`orchestrator suite {root}/suite.toml --out {root}`")), "{refused}");
         assert!(folder.open(&suite, TEXT).unwrap_err().to_string().contains("already in use"));
+        drop(lock);
+        assert_eq!(folder.worker().unwrap(), None);
         let entry = &suite.entries[0];
         let next = || folder.next(&suite, entry).unwrap();
         assert_eq!(next(), Next::Step(Step::Begin));

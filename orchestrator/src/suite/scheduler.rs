@@ -6,6 +6,7 @@ use crate::evaluation::choice::word;
 use crate::output::log_line::error_in;
 use crate::output::terminal;
 use crate::run::lifeline::this_program;
+use crate::supervisor::shell::{hang_up_signal, next};
 use anyhow::{Context, Result};
 use proto::bounded;
 use proto::device::VISIBLE_DEVICES;
@@ -74,6 +75,7 @@ impl Scheduler<'_> {
     async fn run(mut self) -> Result<SuiteOutcome> {
         let mut interrupts = signal(SignalKind::interrupt()).context("cannot catch SIGINT")?;
         let mut terminations = signal(SignalKind::terminate()).context("cannot catch SIGTERM")?;
+        let mut hang_ups = hang_up_signal()?;
         let mut tick = tokio::time::interval(TICK);
         let mut told = Instant::now();
         self.write()?;
@@ -82,6 +84,7 @@ impl Scheduler<'_> {
                 _ = interrupts.recv() => self.stop(),
                 // Asking twice in this way changes nothing, as for a run.
                 _ = terminations.recv() => if self.stops == 0 { self.stop() },
+                () = next(&mut hang_ups) => if self.stops == 0 { self.stop() },
                 _ = tick.tick() => {}
             }
             self.reap()?;

@@ -7,7 +7,6 @@ use crate::output::format::counted;
 use anyhow::{Context, Result};
 use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
-use std::fs::TryLockError;
 use std::path::{Path, PathBuf};
 
 pub struct Standing {
@@ -25,8 +24,7 @@ impl Standing {
         let named = || suite.state().display().to_string();
         let text = folder.read_text(&suite.state()).with_context(named)?;
         let State { runs, .. } = serde_json::from_str(&text).with_context(named)?;
-        let lock = folder.open(&suite.lock()).ok();
-        let is_held = lock.is_some_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)));
+        let is_held = suite.worker()?.is_some();
         let place = std::fs::canonicalize(root).with_context(named)?;
         let name = place.file_name().unwrap_or(place.as_os_str()).to_string_lossy().into_owned();
         Ok(Self { folder, name, runs, is_held })

@@ -63,6 +63,13 @@ pub fn actor_died(who: &str, exit: &Exit, last_words: &[String], next: u32) -> S
     format!("{who} died: {exit}{call}{error}; start number {next} follows")
 }
 
+/// Of a line of the log that says that a process was started again: which process, and why.
+pub fn restart_in(text: &str) -> Option<(&str, &str)> {
+    let (who, rest) = text.split_once(" died: ")?;
+    let (why, next) = rest.rsplit_once("; start number ")?;
+    next.contains(" follows").then_some((who, why))
+}
+
 /// What an environment of the user did wrong, and at which step, if an actor ended because of that.
 pub fn environment_error<'a>(exit: &Exit, last_words: &'a [String]) -> Option<&'a str> {
     let error =

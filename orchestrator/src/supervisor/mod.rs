@@ -10,7 +10,7 @@ pub mod deadlines;
 pub mod event;
 pub mod learner_group;
 pub mod machine;
-mod messages;
+pub mod messages;
 pub mod overdue;
 pub mod pace;
 pub mod process;

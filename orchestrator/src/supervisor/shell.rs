@@ -49,8 +49,6 @@ impl Signals {
     /// From now on signals are events. To be called inside the runtime, before there is anything to clean up. `launched`:
     /// a scheduler or launcher started this program and may start it again, so its SIGTERM asks for that, too.
     fn install(launched: bool) -> Result<Self> {
-        // nohup: a closed terminal is no reason to stop.
-        let ignores_hang_up = signal_is_ignored(SignalKind::hangup().as_raw_value());
         Ok(Self {
             interrupt: signal(SignalKind::interrupt()).context("SIGINT")?,
             terminate: signal(SignalKind::terminate()).context("SIGTERM")?,
@@ -58,7 +56,7 @@ impl Signals {
             launched,
             requeue: false,
             asked: None,
-            hang_up: if ignores_hang_up { None } else { Some(signal(SignalKind::hangup()).context("SIGHUP")?) },
+            hang_up: hang_up_signal()?,
         })
     }
 
@@ -70,17 +68,11 @@ impl Signals {
     }
 
     pub async fn next(&mut self) -> Event {
-        let hang_up = async {
-            match &mut self.hang_up {
-                Some(hang_up) => hang_up.recv().await,
-                None => std::future::pending().await,
-            }
-        };
         let (event, requeue) = tokio::select! {
             _ = self.interrupt.recv() => (Event::Interrupt, false),
             _ = self.terminate.recv() => (Event::Stop, self.launched),
             _ = self.user.recv() => (Event::Stop, true),
-            _ = hang_up => (Event::Stop, false),
+            () = next(&mut self.hang_up) => (Event::Stop, false),
         };
         self.requeue |= requeue;
         self.asked = Some(event.clone());
@@ -95,6 +87,20 @@ impl Signals {
     /// Whether one of them, SIGUSR1 or a launcher's SIGTERM, says that the run is started again later.
     pub fn ask_for_requeue(&self) -> bool {
         self.requeue
+    }
+}
+
+/// Of a closed terminal; none under nohup, where that is no reason to stop.
+pub fn hang_up_signal() -> Result<Option<Signal>> {
+    let ignored = signal_is_ignored(SignalKind::hangup().as_raw_value());
+    (!ignored).then(|| signal(SignalKind::hangup()).context("SIGHUP")).transpose()
+}
+
+/// The next one of a signal; of none it never comes.
+pub async fn next(signal: &mut Option<Signal>) {
+    match signal {
+        Some(signal) => drop(signal.recv().await),
+        None => std::future::pending().await,
     }
 }
 

@@ -7,6 +7,7 @@ pub mod means;
 pub mod metrics;
 pub mod next_steps;
 pub mod progress;
+pub mod restarts;
 pub mod run;
 pub mod scores;
 pub mod summary;

@@ -1,12 +1,13 @@
 //! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
 //! digits, `frames: ` and a count; a run that failed has neither.
 
-use crate::output::format;
+use crate::output::{format, terminal};
 use crate::run::damaged;
 use crate::run::identity::Identity;
 use crate::supervisor::event::SessionEnd;
 use crate::training::means::{EpisodeMeans, StageMeans, by_stage};
 use crate::training::next_steps;
+use crate::training::restarts::restarts;
 use crate::training::wall::Wall;
 use anyhow::{Context, Result};
 use proto::SCHEMA_VERSION;
@@ -158,6 +159,7 @@ impl Summary {
             format::duration(training),
             format::rate(self.frames_per_s)
         ));
+        lines.extend(restarts(folder));
         lines.push(format!("run folder  {}", folder.root().display()));
         match self.recordings.as_slice() {
             [] => {}
@@ -214,13 +216,11 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
         let of_task = metrics.iter().map(|metric| format::metric(metric, metric.mean(&late.figures)));
         rows.push(of_engine.into_iter().chain(of_task).collect());
     }
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let align = |(column, cell): (usize, &String)| {
-        let padding = " ".repeat(width(column) - cell.chars().count());
-        if column < 2 { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
-    };
-    let mut lines: Vec<String> =
-        rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect();
+    let mut lines = right_aligned(&rows, 2);
+    let is_too_wide = |most| lines[0].chars().count() > most;
+    if terminal::width().is_some_and(is_too_wide) {
+        lines = right_aligned(&transposed(&rows), 1);
+    }
     let means = "means over the newest tenth of each stage; return: first tenth -> newest tenth";
     let is_unknown = |means: &EpisodeMeans| means.mean_return.is_none();
     let has_none = stages.iter().any(|stage| is_unknown(&stage.first_tenth) || is_unknown(&stage.last_tenth));
@@ -231,6 +231,20 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     let whole = stages.iter().filter(is_whole);
     lines.extend(whole.map(|stage| format!("stage {}: means over all of its episodes", stage.name)));
     lines
+}
+
+/// All columns but the first `left` end below each other.
+fn right_aligned(rows: &[Vec<String>], left: usize) -> Vec<String> {
+    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let align = |(column, cell): (usize, &String)| {
+        let padding = " ".repeat(width(column) - cell.chars().count());
+        if column < left { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
+    };
+    rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect()
+}
+
+fn transposed(rows: &[Vec<String>]) -> Vec<Vec<String>> {
+    (0..rows[0].len()).map(|column| rows.iter().map(|row| row[column].clone()).collect()).collect()
 }
 
 #[cfg(test)]
@@ -266,6 +280,13 @@ mod tests {
         history.rewind_to(20);
         history.insert(last);
         assert!(lines(&history).contains("the figures of 9 rollouts are lost"), "{}", lines(&history));
+    }
+
+    #[test]
+    fn a_table_too_wide_for_a_terminal_stands_on_its_side() {
+        let rows = [["stage", "frames"], ["I", "1,000"]].map(|row| row.map(str::to_owned).to_vec());
+        assert_eq!(right_aligned(&rows, 1), ["stage  frames", "I       1,000"]);
+        assert_eq!(right_aligned(&transposed(&rows), 1), ["stage       I", "frames  1,000"]);
     }
 
     #[test]

@@ -167,14 +167,17 @@ mod tests {
     #[test]
     fn runs_of_a_suite_and_their_evaluations_are_found_with_its_name() {
         let root = tempfile::tempdir().unwrap();
-        for path in ["alone", "mini/runs/a", "mini/runs/a/evaluations/b"] {
+        for path in ["alone", "mini/runs/a", "mini/runs/a/evaluations/b", "own/runs/c"] {
             run(root.path(), path);
         }
-        std::fs::write(root.path().join("mini/suite.toml"), "").unwrap();
+        // The file of a suite that a user keeps beside `runs/` makes no suite of the folder.
+        for path in ["mini/suite.toml", "mini/suite.json", "own/suite.toml"] {
+            std::fs::write(root.path().join(path), "").unwrap();
+        }
         let cards = Roster::of(vec![root.path().to_path_buf()]).look().iter().map(Entry::card).collect::<Vec<_>>();
         let mut found: Vec<_> = cards.iter().map(|card| (card.id.as_str(), card.suite.as_deref())).collect();
         found.sort_unstable();
-        assert_eq!(found, [("a", Some("mini")), ("a.b", Some("mini")), ("alone", None)]);
+        assert_eq!(found, [("a", Some("mini")), ("a.b", Some("mini")), ("alone", None), ("c", None)]);
     }
 
     #[test]

@@ -3,13 +3,14 @@
 use crate::likeness::{nearest, suggestion};
 use crate::task::SpecError;
 use serde::de::DeserializeOwned;
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    #[error("there is no preset `{name}`{}; `orchestrator presets` lists them", suggestion(.nearest.as_deref()))]
+    #[error("there is no preset `{name}`{}", unknown(.name, .nearest.as_deref()))]
     UnknownPreset { name: String, nearest: Option<String> },
-    #[error("cannot read configuration {path}: {cause}", path = .path.display())]
+    #[error("cannot read configuration {path}: {}", unread(.cause), path = .path.display())]
     Unreadable { path: PathBuf, cause: std::io::Error },
     #[error("{cause} (mend it, or{remedy})")]
     OfRun { cause: Box<ConfigError>, remedy: String },
@@ -44,6 +45,20 @@ pub enum ConfigError {
     Task { key: String, cause: SpecError },
 }
 
+/// The end of a message about a name that no preset has.
+fn unknown(name: &str, nearest: Option<&str>) -> String {
+    if Path::new(name).extension().is_some_and(|extension| extension == "toml") {
+        format!(": a file is given as `--config {name}`")
+    } else {
+        format!("{}; `orchestrator presets` lists them", suggestion(nearest))
+    }
+}
+
+/// Why a file cannot be read.
+fn unread(cause: &std::io::Error) -> String {
+    if cause.kind() == ErrorKind::NotFound { "there is no such file".to_owned() } else { cause.to_string() }
+}
+
 /// Parses TOML; `origin` names the source in errors.
 pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
     toml::from_str(text).map_err(|error: toml::de::Error| {
@@ -65,7 +80,10 @@ pub fn in_plain_words(message: &str) -> String {
     let Some((found, expected)) = wrong.and_then(|wrong| wrong.split_once(", expected ")) else {
         if let Some(rest) = message.strip_prefix("unknown variant `") {
             let mut names = rest.split('`').step_by(2);
-            let meant = nearest(names.next().unwrap_or_default(), names);
+            let (word, mut known) = (names.next().unwrap_or_default(), names.clone());
+            // By its letters it is nearer to `cpu`.
+            let is_gpu = word.eq_ignore_ascii_case("gpu") && known.any(|name| name == "cuda");
+            let meant = if is_gpu { Some("cuda".to_owned()) } else { nearest(word, names) };
             return format!("unknown value `{rest}{}", suggestion(meant.as_deref()));
         }
         return message.replacen("missing field ", "missing key ", 1);

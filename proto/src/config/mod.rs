@@ -36,7 +36,7 @@ pub use normalize::NormalizeConfig;
 pub use preset::{Preset, overlay};
 pub use presets::presets;
 pub use reward::{LagrangianConfig, RewardConfig};
-pub use setting::{Setting, SettingError, check_settings};
+pub use setting::{Setting, SettingError, check_settings, frames_in};
 
 use crate::evaluation::{EvaluationConfig, ObjectSet, Plan};
 use crate::kitchen::Kitchens;

@@ -85,13 +85,55 @@ impl FromStr for Setting {
         if let Some(&(key, instead)) = elsewhere.iter().find(|(key, _)| *key == first) {
             return Err(SettingError::SaidElsewhere { key, instead });
         }
-        Self::new(key, value_of(value)?).map_err(|error| match error {
+        let set = |value: &str| Self::new(key, value_of(value)?);
+        let counted = key.ends_with("_frames").then(|| frames_in(value.trim())).flatten();
+        set(&counted.map_or_else(|| value.to_owned(), |frames| frames.to_string())).map_err(|error| match error {
             SettingError::WrongType(problem) if problem == "expected a list, found a table" => {
-                SettingError::WrongType(format!("{problem}: a list is set whole, as in 'stages=[{{ ... }}]'"))
+                let frames = if key.ends_with(".frames") { "; `--frames` scales all stages" } else { "" };
+                SettingError::WrongType(format!("{problem}: a list is set whole, as in 'stages=[{{ ... }}]'{frames}"))
+            }
+            error @ (SettingError::WrongType(_) | SettingError::BadValue(_)) => {
+                match as_number(key, value.trim()).filter(|number| set(number).is_ok()) {
+                    Some(number) => SettingError::WrongType(format!("`{}` is written {number}", value.trim())),
+                    None => error,
+                }
             }
             other => other,
         })
     }
+}
+
+/// Frames as people write them: 2000000, 2_000_000, 2M or 2e6; none of what is no whole number from 1 on.
+pub fn frames_in(text: &str) -> Option<u64> {
+    let plain = text.replace('_', "");
+    let (digits, unit) = match plain.char_indices().last() {
+        Some((at, 'k' | 'K')) => (&plain[..at], 1e3),
+        Some((at, 'M')) => (&plain[..at], 1e6),
+        Some((at, 'G')) => (&plain[..at], 1e9),
+        _ => (&plain[..], 1.0),
+    };
+    // Doubles hold all whole numbers up to here.
+    let exact = |frames: &f64| frames.fract() == 0.0 && (1.0..=2f64.powi(53)).contains(frames);
+    digits.parse::<f64>().ok().map(|number| number * unit).filter(exact).map(|frames| frames as u64)
+}
+
+/// A number as TOML has it that was written with a comma, in percent or with a unit of time.
+fn as_number(key: &str, text: &str) -> Option<String> {
+    if let Some((whole, decimals)) = text.split_once(',') {
+        let is_thousands = decimals.split(',').all(|group| group.len() == 3) && whole != "0";
+        return Some(if is_thousands { text.replace(',', "_") } else { format!("{whole}.{decimals}") });
+    }
+    if let Some(percents) = text.strip_suffix('%') {
+        return Some((percents.parse::<f64>().ok()? / 100.0).to_string());
+    }
+    let unit = text.find(|letter: char| letter.is_ascii_alphabetic()).filter(|_| key.ends_with("_s"))?;
+    let seconds = match &text[unit..] {
+        "s" | "sec" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return None,
+    };
+    Some((text[..unit].parse::<f64>().ok()? * seconds).to_string())
 }
 
 /// The keys whose last part is this name.
@@ -159,6 +201,8 @@ mod tests {
     fn values_are_toml_or_a_bare_word() {
         let settings = [
             "ppo.learning_rate=1e-3",
+            "validation.every_frames=1.5M",
+            "ppo.learning_rate_frames=1e6",
             " ppo.epochs = 2 ",
             "ppo.normalize_advantages=true",
             "learner.device=cpu",
@@ -170,6 +214,7 @@ mod tests {
         let config = Config::resolve_set("demo", None, &settings.map(setting)).unwrap();
         assert_eq!((config.ppo.learning_rate, config.ppo.epochs, config.ppo.normalize_advantages), (1e-3, 2, true));
         assert_eq!((config.learner.device, config.network.encoder), (DeviceChoice::Cpu, Encoder::Cnn));
+        assert_eq!((config.validation.every_frames, config.ppo.learning_rate_frames), (1_500_000, 1_000_000));
         assert_eq!((config.scenes, config.reward.lagrangian.initial), (vec!["a b/scene.toml".to_owned()], 2.0));
         assert_eq!((config.stages.len(), config.stages[0].frames), (1, 10));
     }
@@ -238,13 +283,21 @@ mod tests {
             ("ppo.overlap=3", "expected true or false, found `3`"),
             ("ppo=4", "expected a table, found `4`"),
             ("scenes=3", "expected a list, found `3`"),
-            ("stages.0.frames=10", "expected a list, found a table: a list is set whole, as in 'stages=[{ ... }]'"),
+            (
+                "stages.0.frames=10",
+                "expected a list, found a table: a list is set whole, as in 'stages=[{ ... }]'; `--frames` scales all stages",
+            ),
             (
                 "auxiliary.task=disturbance",
                 "unknown value `disturbance`, expected one of `none`, `disturb`, `inverse_dynamics`, `cpca16` (did you \
                  mean `disturb`?)",
             ),
             ("ppo.epochs=[1]", "expected a whole number, found a list (must be 1 to 64)"),
+            ("ppo.clip=0,2", "`0,2` is written 0.2"),
+            ("ppo.rollout_steps=1,000", "`1,000` is written 1_000"),
+            ("recording.depth_share=10%", "`10%` is written 0.1"),
+            ("checkpoint.interval_s=5min", "`5min` is written 300"),
+            ("learner.device=gpu", "unknown value `gpu`, expected one of `auto`, `cpu`, `cuda` (did you mean `cuda`?)"),
             ("learner.device=x", "unknown value `x`, expected one of `auto`, `cpu`, `cuda`"),
         ] {
             assert_eq!(problem(text), expected, "{text}");

@@ -61,7 +61,11 @@ impl Spec {
                 Weight::Named(name) => {
                     let default = || self.weights.get(name);
                     let weight = weights.get(name).or_else(default);
-                    Scale::Number(*weight.ok_or_else(|| wrong(format!("there is no weight `{name}`")))?)
+                    let own = weights.keys().filter(|own| !self.weights.contains_key(*own));
+                    let known = self.weights.keys().chain(own).map(String::as_str);
+                    let known = known.chain([MULTIPLIER, NEGATIVE_MULTIPLIER]);
+                    let unknown = || format!("there is no weight `{name}`{}", among(name, "a number or one of", known));
+                    Scale::Number(*weight.ok_or_else(|| wrong(unknown()))?)
                 }
             };
             if matches!(scale, Scale::Number(weight) if !weight.is_finite()) {

@@ -244,7 +244,8 @@ fn a_reward_is_its_base_and_its_terms() {
     );
     assert_eq!(
         refused("name = \"mine\"\nterms = [[\"near_m\", \"prize\"]]"),
-        "reward `mine`: there is no weight `prize`"
+        "reward `mine`: there is no weight `prize` (did you mean `price`?); a number or one of: price, multiplier, \
+         -multiplier"
     );
     assert!(refused("name = \"mine\"\nterms = [[\"near_m\", nan]]").contains("not a finite number"));
     assert!(

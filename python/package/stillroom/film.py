@@ -58,7 +58,9 @@ class Camera(gymnasium.Wrapper):
         try:
             picture = np.asarray(self.env.render())
         except Exception as error:
-            traceback.print_exc()
+            # What is not installed is said in a sentence.
+            if not isinstance(error, ImportError | gymnasium.error.DependencyNotInstalled):
+                traceback.print_exc()
             self.problem = f"step {step}: its render() raised {told(error)}"
             return
         if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:

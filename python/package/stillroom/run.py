@@ -170,7 +170,7 @@ def _run(path: Path) -> Run:
         metrics=_metrics(files, declared),
         validation=_validation(files, declared),
         episodes=_all_episodes(files, results),
-        evaluations=_results(results),
+        evaluations=_results(results, declared),
         stages=_stages(summary),
         summary=summary,
         config=config,
@@ -188,7 +188,7 @@ def _evaluation(files: _Files, config: dict[str, Any]) -> Run:
         metrics=_metrics(files, described),
         validation=_validation(files, described),
         episodes=_episodes(files, "episodes.csv", described),
-        evaluations=_results(results),
+        evaluations=_results(results, described),
         stages=_stages({}),
         summary=results.get(name, {}),
         config=config,
@@ -382,7 +382,7 @@ def _all_episodes(files: _Files, results: dict[str, dict[str, Any]]) -> pd.DataF
     return _told(whole.astype(kinds), _described(results.values()))
 
 
-def _results(results: dict[str, dict[str, Any]]) -> pd.DataFrame:
+def _results(results: dict[str, dict[str, Any]], declared: dict[str, dict[str, Any]]) -> pd.DataFrame:
     rows = []
     for folder, result in results.items():
         row: dict[str, Any] = {"evaluation": folder.rpartition("/")[2]}
@@ -391,7 +391,9 @@ def _results(results: dict[str, dict[str, Any]]) -> pd.DataFrame:
                 if not isinstance(value, list):
                     row[f"{part}.{name}" if part in ("subject", "conditions") else name] = value
         rows.append(row)
-    return _frame(rows, "evaluation", ["evaluation", "episodes"], _described(results.values()))
+    # Without a row the metrics are columns, too: no name of theirs is an error before the first evaluation.
+    names = ["evaluation", "episodes", *(() if rows else declared)]
+    return _frame(rows, "evaluation", names, _described(results.values()))
 
 
 def _stages(summary: dict[str, Any]) -> pd.DataFrame:

@@ -94,7 +94,8 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     // evaluation still leave, which holds up nobody; after it otherwise.
     let child = start(call(&workshop));
     second.wait_for_rollouts(4);
-    signal(child.id(), rustix::process::Signal::INT);
+    let stopped = complete(workshop.orchestrator(&["stop", "all"])).good();
+    assert!(stopped.stdout.starts_with("suite all: ") && stopped.stdout.contains("1 stopped"), "{stopped:#?}");
     let printed = finish(child);
     assert!(printed.success && printed.stderr.contains("orchestrator suite suite.toml --out "), "{printed:#?}");
     assert!(!second.folder.summary().exists(), "the second run was stopped in its middle");

@@ -40,6 +40,7 @@ const OTHERS: &[(&str, &str)] = &[
     ("orchestrator/src/command/view.rs", "a file that the user names"),
     ("orchestrator/src/command/overrides.rs", "a file that the user names"),
     ("orchestrator/src/command/environment_flags.rs", "a file that the user names"),
+    ("orchestrator/src/command/replay.rs", "the folder of films, which the user can name"),
     ("orchestrator/src/environment/consent.rs", "what this user has allowed"),
     ("orchestrator/src/suite/file.rs", "a file that the user names"),
     ("orchestrator/src/training/next_steps.rs", "a file that the user names"),
