@@ -25,6 +25,8 @@ pub struct Settings {
     pub open: Vec<String>,
     pub compare: bool,
     pub play: Option<String>,
+    /// Its steps a second.
+    pub speed: Option<u32>,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -40,8 +42,8 @@ pub async fn serve(
     settings: Settings,
     end: impl Future<Output = ()>,
 ) -> Result<(), ServeError> {
-    let Settings { actor, token, open, compare, play } = settings;
-    let opening = Opening { runs: open, compare, play, version: env!("CARGO_PKG_VERSION") };
+    let Settings { actor, token, open, compare, play, speed } = settings;
+    let opening = Opening { runs: open, compare, play, speed, version: env!("CARGO_PKG_VERSION") };
     let router = router(runs, [actor.clone(), actor].map(SceneRenderer::new), token.into(), opening);
     let room = Arc::new(Semaphore::new(CONNECTIONS));
     tokio::pin!(end);

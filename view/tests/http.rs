@@ -11,7 +11,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Made, Pairs, Problem, Recorded, Runs};
+use view::data::{
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Made, Pairs, Problem, Recorded, Runs, Source,
+};
 use view::{Settings, serve};
 
 /// What a request shows that has the server's token.
@@ -73,8 +75,8 @@ impl Runs for One {
             start: Vec::new(),
         };
         let setup = ReplaySetup { config: String::new(), folder: None, images: None };
-        let made = Made { number: 7, reward: Some("r_prime".to_owned()) };
-        self.read(run, Recorded { setup, episode, made })
+        let made = Made { number: 7, reward: Some("r_prime".to_owned()), elsewhere: false, film: None };
+        self.read(run, Recorded { source: Source::Actions { setup, episode }, made })
     }
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))
@@ -122,8 +124,14 @@ impl Server {
         let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).expect("a free port");
         let address = listener.local_addr().expect("an address");
         let runs = Arc::new(One::default());
-        let settings =
-            Settings { play: None, actor, token: "0123abcd".to_owned(), open: vec!["a".to_owned()], compare: false };
+        let settings = Settings {
+            play: None,
+            speed: None,
+            actor,
+            token: "0123abcd".to_owned(),
+            open: vec!["a".to_owned()],
+            compare: false,
+        };
         runtime.spawn(serve(listener, Arc::clone(&runs) as Arc<dyn Runs>, settings, std::future::pending()));
         Self { address, runs, _runtime: runtime, _folder: folder }
     }
