@@ -1,6 +1,6 @@
 // The pages of one episode, and of two side by side.
 
-import { h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
+import { command, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
 import { count, outcome, percent, quantity, reached, words } from "./format.js";
 import { Stage, Strip, besides, explained, limit } from "./stage.js";
@@ -17,10 +17,13 @@ class Player {
     this.kinds = kinds();
     this.kind = h("select", { "aria-label": "Kind of film" }, this.kinds.map(({ name, ending }) => h("option", { value: ending }, name)));
     this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
+    const disturbed = stages.some((stage) => stage.growth().length);
+    const button = (text, label, step) => h("button", { "aria-label": label, title: label, onclick: () => this.go(step()) }, text);
     this.element = h("section", { class: "card", "aria-label": "Steps" },
-      h("div", { class: "player" }, this.play, this.speed,
-        h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), h("span", { class: "steps" }, " step  "), h("span", { class: "turns" }, " turn the room  "), h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"),
-        h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
+      h("div", { class: "player" }, this.play, button("◀", "A step back", () => this.step - 1), button("▶", "A step on", () => this.step + 1),
+        disturbed && button("Next disturbance", "Next disturbance", () => this.nextDisturbance()), this.speed,
+        h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), h("span", { class: "steps" }, " step  "), h("span", { class: "turns" }, " turn the room  "), h("kbd", {}, "space"), " play  ", disturbed && h("kbd", {}, "D")),
+        stages[0].isPictured && h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
     signal.addEventListener("abort", () => { document.removeEventListener("keydown", keys); this.stop(); });
@@ -110,7 +113,13 @@ export async function showEpisode(root, run, key, query, signal, named) {
   const stage = await Stage.open(run, key, signal, (why) => { opened.words.textContent = why; });
   named(stage.called());
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
-  replace(root, stage.title(), stage.problem,
+  const { film } = stage.episode;
+  if (!stage.isPictured) replace(root, stage.title(), stage.problem,
+    h("div", { class: "episode" },
+      h("div", { class: "stack" }, player.element, h("section", { class: "card" }, stage.words, stage.parts)),
+      h("section", { class: "card" }, stage.channels)),
+    film && h("p", { class: "small soft" }, "its film, drawn by its own environment: ", command(film)));
+  else replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },
         h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), stage.proof())),
