@@ -12,17 +12,16 @@ class Player {
     this.last = Math.max(...stages.map((stage) => stage.last));
     this.strip = new Strip(stages, (step) => this.go(step), signal);
     this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", style: { "--inset": `calc(50% / ${this.last + 1} - 8px)` }, oninput: () => this.go(Number(this.range.value)) });
-    this.play = h("button", { "aria-pressed": "false", onclick: () => this.toggle() }, "Play");
+    this.play = h("button", { "aria-pressed": "false", title: "key: space", onclick: () => this.toggle() }, "Play");
     this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));
     this.kinds = kinds();
     this.kind = h("select", { "aria-label": "Kind of film" }, this.kinds.map(({ name, ending }) => h("option", { value: ending }, name)));
     this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
     const disturbed = stages.some((stage) => stage.growth().length);
-    const button = (text, label, step) => h("button", { "aria-label": label, title: label, onclick: () => this.go(step()) }, text);
+    const button = (text, label, key, step) => h("button", { "aria-label": label, title: `${label}: key ${key}`, onclick: () => this.go(step()) }, text);
     this.element = h("section", { class: "card", "aria-label": "Steps" },
-      h("div", { class: "player" }, this.play, button("◀", "A step back", () => this.step - 1), button("▶", "A step on", () => this.step + 1),
-        disturbed && button("Next disturbance", "Next disturbance", () => this.nextDisturbance()), this.speed,
-        h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), h("span", { class: "steps" }, " step  "), h("span", { class: "turns" }, " turn the room  "), h("kbd", {}, "space"), " play  ", disturbed && h("kbd", {}, "D")),
+      h("div", { class: "player" }, this.play, button("◀", "A step back", "←", () => this.step - 1), button("▶", "A step on", "→", () => this.step + 1),
+        disturbed && button("Next disturbance", "Next disturbance", "D", () => this.nextDisturbance()), this.speed,
         stages[0].isPictured && h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
