@@ -134,13 +134,13 @@ class SceneRenderer {
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and path"), stage.plan.element, stage.plan.legend))));
     this.camera(stage);
     const interval = 1000 / this.speed;
-    // It is drawn with soft light at rest alone.
-    stage.orbit.rest = Math.max(stage.orbit.rest, 2 * interval);
+    stage.orbit.rests(false);
     stage.orbit.follow(0);
     stage.show(0);
     this.place.dataset.episode = key;
     let newest = performance.now(), due = newest;
     for (let step = 1; !signal.aborted && this.chosen === chosen && !this.skips;) {
+      stage.orbit.rests(this.still);
       if (this.still) {
         await pause(LOOK / 4, signal);
         due = performance.now();
@@ -159,6 +159,7 @@ class SceneRenderer {
         if (step <= stage.last) stage.load(step);
       } else if (stage.episode.outcome !== "unfinished") {
         const ended = stage.ended();
+        stage.orbit.rests(true);
         replace(end, h("span", { class: stage.kind() }, ended), ` after ${count(stage.last)} steps`);
         this.over.push(stage.episode);
         await this.renew();

@@ -93,7 +93,7 @@ const CLAMP = (value, low, high) => Math.min(high, Math.max(low, value));
 /** The room from a free camera. `moved`: told when the camera was moved. */
 class OrbitView {
   constructor(stage, moved, drawn) {
-    Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, rest: 350, pointers: new Map() });
+    Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, isAtRest: true, pointers: new Map() });
     const canvas = h("canvas", {
       class: "orbit", tabIndex: 0, role: "application", width: 640, height: 480,
       "aria-label": "The room from a free camera. Arrow keys turn it, plus and minus zoom, with shift the arrow keys move it, 0 puts it back.",
@@ -233,10 +233,8 @@ class OrbitView {
   /** A draft at once, and soft light when nothing has changed for a moment after it. */
   draw() {
     clearTimeout(this.timer);
-    const { step, stage: { signal } } = this;
+    const { step } = this;
     this.tell(step);
-    const failed = (error) => this.stage.fail(error);
-    const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(step); }, failed);
     this.draft(DRAFT[Number(this.wanted === step)], true).then((painted) => {
       // Of those that were overtaken the newest draws on.
       if (!painted) return;
@@ -245,9 +243,20 @@ class OrbitView {
       this.first.remove();
       this.drawn();
       clearTimeout(this.timer);
-      this.timer = setTimeout(refine, this.rest);
-    }, failed);
+      if (this.isAtRest) this.timer = setTimeout(() => this.refine(), 350);
+    }, (error) => this.stage.fail(error));
     this.wanted = step;
+  }
+
+  refine() {
+    const { step } = this;
+    this.painter.paint(this.address(true), this.stage.signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(step); }, (error) => this.stage.fail(error));
+  }
+
+  /** Soft light takes long: while a policy plays there is none. */
+  rests(isAtRest) {
+    if (isAtRest && !this.isAtRest) this.refine();
+    this.isAtRest = isAtRest;
   }
 }
 
