@@ -41,7 +41,7 @@ pub struct Recorded {
 #[derive(Debug, Clone)]
 pub enum Source {
     /// What it is simulated from.
-    Actions { setup: ReplaySetup, episode: RecordedEpisode },
+    Actions { setup: ReplaySetup, episode: Box<RecordedEpisode> },
     /// Of environments that are no kitchens: what was recorded of its steps.
     Steps(Box<ShownEpisode>),
 }

@@ -82,7 +82,7 @@ impl Server {
             Source::Actions { setup, episode } => (setup, episode),
             Source::Steps(shown) => return Ok((ShowAnswer::Opened(shown), made)),
         };
-        let request = ShowRequest::Open { name: name_of(run, key), setup, episode: Box::new(episode) };
+        let request = ShowRequest::Open { name: name_of(run, key), setup, episode };
         let (answer, _) = self.scene_renderers[usize::from(later)].ask(request).await?;
         match answer {
             ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),

@@ -76,7 +76,7 @@ impl Runs for One {
         };
         let setup = ReplaySetup { config: String::new(), folder: None, images: None };
         let made = Made { number: 7, reward: Some("r_prime".to_owned()), elsewhere: false, film: None };
-        self.read(run, Recorded { source: Source::Actions { setup, episode }, made })
+        self.read(run, Recorded { source: Source::Actions { setup, episode: Box::new(episode) }, made })
     }
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))

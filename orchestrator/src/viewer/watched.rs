@@ -310,7 +310,7 @@ impl Watched {
             let folder = folder.to_str().context("the run's folder has a name that is not text")?.to_owned();
             let setup = |config| ReplaySetup { config, folder: Some(folder), images: None };
             let taken = self.episode_index.take_out(place)?;
-            taken.map(|(config, episode)| Source::Actions { setup: setup(config), episode })
+            taken.map(|(config, episode)| Source::Actions { setup: setup(config), episode: Box::new(episode) })
         };
         let source = source.ok_or_else(|| {
             let EpisodeKey { kitchen, environment, episode } = key;
