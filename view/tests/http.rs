@@ -215,7 +215,7 @@ fn an_episode_comes_with_its_number_in_the_table_and_the_reward_of_its_stage() {
     let episode = server.get("/api/runs/a/episodes/1-0-99");
     assert_eq!(episode.status, 200, "{episode:?}");
     assert!(episode.body.contains("\"outcome\":\"failure\""), "{episode:?}");
-    assert!(episode.body.ends_with("\"number\":7,\"reward\":\"r_prime\"}"), "{episode:?}");
+    assert!(episode.body.ends_with("\"number\":7,\"reward\":\"r_prime\",\"elsewhere\":false}"), "{episode:?}");
 }
 
 /// A report lies in a folder that can be anybody's: no script of theirs runs, and none is answered without the token.
