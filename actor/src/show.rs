@@ -6,7 +6,7 @@
 use crate::replay::film::moment;
 use anyhow::{Context, Result, ensure};
 use engine::whereabouts;
-use picture::{Captions, Moment, NIGHT, Orbit, PAPER, Rgb, Scene};
+use picture::{Captions, Moment, NIGHT, Orbit, PAPER, Rgb, Scene, is_displaced};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
@@ -27,8 +27,6 @@ use std::sync::Arc;
 /// Episodes that are kept; the one that was asked for longest ago gives way.
 const KEPT: usize = 6;
 const KITCHENS: usize = 4;
-/// What moved less than this is not listed, metres.
-const LISTED_M: f32 = 0.001;
 /// Bounds of a free camera: radius of what it sees (metres), angle at which it looks down (radians).
 const RADIUS_M: (f32, f32) = (0.1, 20.0);
 const PITCH_RAD: (f32, f32) = (-0.2, 1.57);
@@ -243,7 +241,7 @@ impl Telling {
         let mut moved = Vec::new();
         for (thing, (origin, pose)) in self.origins.iter().zip(poses).enumerate() {
             let way = pose.translation - *origin;
-            if Some(thing) == target || way.length() < LISTED_M {
+            if Some(thing) == target || !is_displaced(*origin, pose.translation) {
                 continue;
             }
             let number = *self.listed[thing].get_or_insert_with(|| {

@@ -134,6 +134,16 @@ export const json = async (path, options) => (await ask(path, options)).json();
 
 export const notice = (text, kind = "") => h("p", { class: `notice ${kind}`, role: kind === "error" ? "alert" : null }, text);
 
+/** A command, and a button that copies it: where the browser has no clipboard, the whole is marked. */
+export function command(text) {
+  const code = h("code", { class: "small" }, text);
+  const copy = async () => {
+    getSelection().selectAllChildren(code);
+    await navigator.clipboard?.writeText(text).then(() => say("copied"), () => {});
+  };
+  return [h("button", { class: "small", onclick: copy }, "copy"), " ", code];
+}
+
 /** Does something again and again until the page is left; `work` may be slow, calls never overlap. */
 export function every(milliseconds, signal, work) {
   const round = async () => {
@@ -152,7 +162,7 @@ export function waiting(text, signal) {
   const timer = setInterval(() => {
     shown ||= element.isConnected;
     if (signal.aborted || (shown && !element.isConnected)) clearInterval(timer);
-    else taken.textContent = ` … ${Math.round((performance.now() - begun) / 1000)} s`;
+    else { const seconds = Math.floor((performance.now() - begun) / 1000); taken.textContent = seconds ? ` … ${seconds} s` : ""; }
   }, 1000);
   const renew = (other) => { words.textContent = other; taken.textContent = ""; begun = performance.now(); };
   return { words, element, renew };

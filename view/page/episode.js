@@ -1,6 +1,6 @@
 // The pages of one episode, and of two side by side.
 
-import { app, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
+import { app, command, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
 import { count, outcome, percent, quantity, reached, words } from "./format.js";
 import { Stage, Strip, besides, explained, limit } from "./stage.js";
@@ -12,15 +12,17 @@ class Player {
     this.last = Math.max(...stages.map((stage) => stage.last));
     this.strip = new Strip(stages, (step) => this.go(step), signal);
     this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", style: { "--inset": `calc(50% / ${this.last + 1} - 8px)` }, oninput: () => this.go(Number(this.range.value)) });
-    this.play = h("button", { "aria-pressed": "false", onclick: () => this.toggle() }, "Play");
+    this.play = h("button", { "aria-pressed": "false", title: "key: space", onclick: () => this.toggle() }, "Play");
     this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));
     this.kinds = kinds();
     this.kind = h("select", { "aria-label": "Kind of film" }, this.kinds.map(({ name, ending }) => h("option", { value: ending }, name)));
     this.film = h("button", { class: "film", onclick: () => this.save() }, "Save film");
+    const disturbed = stages.some((stage) => stage.growth().length);
+    const button = (text, label, key, step) => h("button", { "aria-label": label, title: `${label}: key ${key}`, onclick: () => this.go(step()) }, text);
     this.element = h("section", { class: "card", "aria-label": "Steps" },
-      h("div", { class: "player" }, this.play, this.speed,
-        h("p", { class: "small soft keys" }, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), h("span", { class: "steps" }, " step  "), h("span", { class: "turns" }, " turn the room  "), h("kbd", {}, "space"), " play  ", h("kbd", {}, "D"), " next disturbance"),
-        h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
+      h("div", { class: "player" }, this.play, button("◀", "A step back", "←", () => this.step - 1), button("▶", "A step on", "→", () => this.step + 1),
+        disturbed && button("Next disturbance", "Next disturbance", "D", () => this.nextDisturbance()), this.speed,
+        stages[0].isPictured && h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
     signal.addEventListener("abort", () => { document.removeEventListener("keydown", keys); this.stop(); });
@@ -110,7 +112,13 @@ export async function showEpisode(root, run, key, query, signal, named) {
   const stage = await Stage.open(run, key, signal, (why) => { opened.words.textContent = why; });
   named(stage.called());
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
-  replace(root, stage.title(), stage.problem,
+  const { film } = stage.episode;
+  if (!stage.isPictured) replace(root, stage.title(), stage.problem,
+    h("div", { class: "episode" },
+      h("div", { class: "stack" }, player.element, h("section", { class: "card" }, stage.words, stage.parts)),
+      h("section", { class: "card" }, stage.channels)),
+    film && h("p", { class: "small soft" }, "its film, drawn by its own environment: ", command(film)));
+  else replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },
         h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), stage.proof())),

@@ -1,6 +1,6 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
-import { every, h, json, notice, replace, say, showOrder, sorters } from "./dom.js";
+import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
 import { count, headed, number, outcome, reached, kitchenName } from "./format.js";
 import { paintEnd } from "./stage.js";
 
@@ -29,9 +29,8 @@ export async function showEpisodes(root, run, query, signal) {
   const limit = (name, label) => h("input", { type: "number", step: "any", class: "limit", value: asked[name], "aria-label": label, oninput: (event) => change(name, event.target.value) });
   const status = h("p", { class: "soft small", role: "status" });
   const notes = h("div", {});
-  const films = h("p", { class: "soft small", hidden: true }, "Environments of your own draw their films on the command line; each row has its command.");
   const whole = h("input", { type: "checkbox", onchange: () => load() });
-  // Of a run at work rows are soon others, and pictures would take from its speed.
+  // Only kitchens are drawn. Of a run at work rows are soon others, and pictures would take from its speed.
   const pictured = ({ elsewhere }) => !elsewhere && card.state !== "running";
   const canvases = new Map(), waiting = new Set();
   let paints = false;
@@ -63,7 +62,7 @@ export async function showEpisodes(root, run, query, signal) {
   const on = h("button", { onclick: () => change("offset", String(Number(asked.offset) + PAGE)) }, "Next");
   replace(root,
     h("div", { class: "row between" }, h("h1", {}, "Episodes"), status),
-    notes, films,
+    notes,
     h("div", { class: "row filters", role: "group", "aria-label": "Filters" },
       select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("recorded", "recording"),
       h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most"))),
@@ -77,8 +76,7 @@ export async function showEpisodes(root, run, query, signal) {
   const figure = (value, { is_share: share, name }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, Number.isInteger(value) && !name.endsWith("_m") ? 0 : 3));
   const row = (each, page, columns) => {
     const { successes, elsewhere, targets } = page;
-    // Only kitchens are drawn here.
-    const address = each.key && !elsewhere && `#/run/${encoded}/episode/${each.key}`;
+    const address = each.key && `#/run/${encoded}/episode/${each.key}`;
     const places = [elsewhere ? null : kitchenName(each.kitchen, card.scenes).replace("kitchen ", ""), each.environment];
     const where = places.filter((place) => place !== null).join(" / ");
     const ended = outcome(each.outcome, successes);
@@ -93,17 +91,7 @@ export async function showEpisodes(root, run, query, signal) {
         // On a narrow screen in the place of their columns.
         h("div", { class: "narrow faint small" }, `${place}, ${each.length} ${each.length === 1 ? "step" : "steps"}`)),
       h("td", { class: "number optional" }, String(each.length)),
-      columns.map((column) => h("td", { class: "number", "data-head": column.label || headed(column.name) }, figure(each.figures[column.name], column))),
-      page.films ? h("td", {}, each.key ? command(`${page.films} --environment ${each.environment} --episode ${each.episode}`) : null) : null);
-  };
-  /** A command, and a button that copies it: where the browser has no clipboard, the whole is marked. */
-  const command = (text) => {
-    const code = h("code", { class: "small" }, text);
-    const copy = async () => {
-      getSelection().selectAllChildren(code);
-      await navigator.clipboard?.writeText(text).then(() => say("copied"), () => {});
-    };
-    return [h("button", { class: "small", onclick: copy }, "copy"), " ", code];
+      columns.map((column) => h("td", { class: "number", "data-head": column.label || headed(column.name) }, figure(each.figures[column.name], column))));
   };
   let shown = "", latest = 0, card = null;
   async function load() {
@@ -125,7 +113,6 @@ export async function showEpisodes(root, run, query, signal) {
       options("source", page.sources.length ? page.sources.map((name) => [name === "training" ? "" : name, name === "training" ? "training" : name.replace("rollout-", "validation ").replace(/ 0+(?=\d)/, " ")]) : [["", "the evaluation"]]);
       selects.kitchen.parentElement.hidden = page.elsewhere;
       selects.target.parentElement.hidden = !page.targets.length;
-      films.hidden = !page.films;
       options("kitchen", [["", "all"], ...page.kitchens.map((kitchen) => [String(kitchen), String(kitchen)])]);
       options("target", [["", "all"], ...page.targets.map((target) => [target, target])]);
       const { successes } = page;
@@ -142,7 +129,7 @@ export async function showEpisodes(root, run, query, signal) {
       if (heads.map((one) => one.dataset.column).join() !== names) {
         heads = sorters([...first, ...figures], asked, () => change("offset", "0"));
         figures.forEach(([, , , doc], at) => { heads[first.length + at].title = doc; });
-        replace(head, pictured(page) ? h("th", {}, h("span", { class: "unseen" }, "Its end")) : null, heads, page.films ? h("th", { scope: "col" }, "Film") : null);
+        replace(head, pictured(page) ? h("th", {}, h("span", { class: "unseen" }, "Its end")) : null, heads);
       }
       showOrder(heads, asked);
       const text = JSON.stringify([page.rows, names]);

@@ -1,7 +1,7 @@
 // A whole episode, or two one above the other, as a film: drawn step by step from where the cameras are, and put together in the
 // browser.
 
-import { ask, h } from "./dom.js";
+import { ask, css, h } from "./dom.js";
 import { outcome, kitchenName } from "./format.js";
 import { gif } from "./gif.js";
 
@@ -19,6 +19,22 @@ export function caption({ key, last, place: where, episode: { number, target, ou
 export function deeds(stage, step) {
   const { acted, noted, measured } = stage.said(Math.min(step, stage.last));
   return [acted, ...noted.map(({ text }) => text), measured].filter(Boolean).join(" · ");
+}
+
+/** What the marks stand for, up to the right end of a line; gives where that begins. */
+function legend(pen, { target }, right, line) {
+  let left = right;
+  for (const [kind, text] of [["displaced", "displaced"], ["goal", "goal"], ...(target ? [["target", "target"]] : [])]) {
+    left -= pen.measureText(text).width;
+    pen.fillText(text, left, line);
+    left -= 15;
+    const { fillStyle } = pen;
+    pen.fillStyle = css(`--mark-${kind}`);
+    pen.fillRect(left, line - 10, 11, 11);
+    pen.fillStyle = fillStyle;
+    left -= 12;
+  }
+  return left;
 }
 
 /** Kinds of films that this browser can make: name, ending, what its recorder is told. */
@@ -60,9 +76,9 @@ class Recorded {
 }
 
 class Kept {
-  constructor(canvas, seconds) { Object.assign(this, { canvas, seconds, frames: [] }); }
+  constructor(canvas, seconds, split) { Object.assign(this, { canvas, seconds, split, frames: [] }); }
   take() { this.frames.push(this.canvas.getContext("2d").getImageData(0, 0, this.canvas.width, this.canvas.height)); }
-  finish() { return gif(this.frames, this.seconds); }
+  finish() { return gif(this.frames, this.seconds, this.split); }
   drop() { this.frames = []; }
 }
 
@@ -97,7 +113,7 @@ export async function film(stages, last, kind, speed, signal, told) {
     }
   };
   await Promise.all([draw(0, false), draw(1, true)]);
-  const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds);
+  const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds, width);
   try {
     for (const [step, blobs] of drawn.entries()) {
       signal.throwIfAborted();
@@ -111,7 +127,9 @@ export async function film(stages, last, kind, speed, signal, told) {
           pen.drawImage(each, left, at * tall, wide, height);
           each.close();
         }
-        [caption, deeds].forEach((said, line) => pen.fillText(said(stages[at], step), 6, at * tall + height + line * LINE + 16, canvas.width - 12));
+        const [stage, line] = [stages[at], at * tall + height + 16];
+        pen.fillText(caption(stage, step), 6, line, legend(pen, stage.episode, canvas.width - 6, line) - 6);
+        pen.fillText(deeds(stage, step), 6, line + LINE, canvas.width - 12);
       }
       tell();
       await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));

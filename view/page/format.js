@@ -61,10 +61,10 @@ export function outcome(word, successes = []) {
   return word === "unfinished" ? "goes on" : word.replaceAll("-", " ");
 }
 
-/** A name of the task's in words, without its unit: "wrist_object_m" is "wrist object". */
-export const words = (name, unit = "") => (unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ").replace(/\br prime\b/, "r′");
+/** A name of the task's in words, without its unit: "wrist_object_m" is "wrist to object". */
+export const words = (name, unit = "") => (unit && name.endsWith(`_${unit}`) ? name.slice(0, -unit.length - 1) : name).replace(/^(wrist|object)_(object|goal)(?=_|$)/, "$1_to_$2").replaceAll("_", " ").replace(/\br prime\b/, "r′");
 
-/** A name of the task's as a heading has it: "wrist_object_m" is "wrist object (m)". */
+/** A name of the task's as a heading has it: "wrist_object_m" is "wrist to object (m)". */
 export const headed = (name) => words(name).replace(/ (m|s|rad)$/, " ($1)");
 
 /** Numbers of a channel as people read them. */

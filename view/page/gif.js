@@ -1,22 +1,25 @@
 // A film as an animated GIF, which every browser and every page of text shows. Colours are chosen by median cut over all
-// frames; what does not change from one frame to the next is left transparent, so that a film from a camera at rest is
+// frames, for what lies left and right of a line apart: greys of the depth need many. What does not change from one frame to the next is left transparent, so that a film from a camera at rest is
 // small.
 
-/** Colours of a film; one more place is for what does not change. */
-const COLOURS = 255;
+/** Colours left and right; one more place is for what does not change. */
+const COLOURS = [159, 96];
 const TRANSPARENT = 255;
 /** Pixels that differ less than this on every channel have not changed. */
 const SAME = 3;
 
-/** Five bits of each channel. */
-const cell = (data, at) => ((data[at] >> 3) << 10) | ((data[at + 1] >> 3) << 5) | (data[at + 2] >> 3);
+/** Five bits of a channel, and six of green: 64 greys. */
+const cell = (data, at) => ((data[at] >> 3) << 11) | ((data[at + 1] >> 2) << 5) | (data[at + 2] >> 3);
 
-/** The colours of these frames: boxes of the colour cube are halved at their median, the most spread one first. */
-function palette(frames) {
-  const counts = new Uint32Array(1 << 15);
-  const sums = new Float64Array(3 << 15);
-  for (const { data } of frames) {
+/** The colours of these columns of the frames: boxes of the colour cube are halved at their median, the most spread one
+ * first. `first`: the number of the first of at most so many. */
+function palette(frames, [from, to], colours, first, most) {
+  const counts = new Uint32Array(1 << 16);
+  const sums = new Float64Array(3 << 16);
+  for (const { data, width } of frames) {
     for (let at = 0; at < data.length; at += 4) {
+      const x = (at / 4) % width;
+      if (x < from || x >= to) continue;
       const of = cell(data, at);
       counts[of] += 1;
       for (let channel = 0; channel < 3; channel += 1) sums[3 * of + channel] += data[at + channel];
@@ -33,7 +36,7 @@ function palette(frames) {
     return { cells, channel, urgency: cells.length > 1 ? spreads[channel] * Math.sqrt(weight) : 0 };
   };
   let boxes = [measured([...counts.keys()].filter((of) => counts[of]))];
-  while (boxes.length < COLOURS) {
+  while (boxes.length < most) {
     boxes.sort((a, b) => b.urgency - a.urgency);
     const [{ cells, channel, urgency }] = boxes;
     if (!urgency) break;
@@ -43,14 +46,14 @@ function palette(frames) {
     while (at < cells.length - 1 && (at === 0 || passed + counts[cells[at]] <= half)) { passed += counts[cells[at]]; at += 1; }
     boxes = [measured(cells.slice(0, at)), measured(cells.slice(at)), ...boxes.slice(1)];
   }
-  const colours = new Uint8Array(3 * 256);
-  const place = new Uint8Array(1 << 15);
-  boxes.forEach(({ cells }, index) => {
+  const place = new Uint8Array(1 << 16);
+  boxes.forEach(({ cells }, at) => {
+    const index = first + at;
     const weight = cells.reduce((sum, of) => sum + counts[of], 0) || 1;
     for (let channel = 0; channel < 3; channel += 1) colours[3 * index + channel] = Math.round(cells.reduce((sum, of) => sum + sums[3 * of + channel], 0) / weight);
     for (const of of cells) place[of] = index;
   });
-  return { colours, place };
+  return place;
 }
 
 /** Bytes that grow. */
@@ -98,10 +101,12 @@ function compressed(pixels) {
   return blocks.parts;
 }
 
-/** The frames, `ImageData` of one size, as a GIF that begins again at its end. `seconds`: of each frame, the last stands longer. */
-export function gif(frames, seconds) {
+/** The frames, `ImageData` of one size, as a GIF that begins again at its end. `seconds`: of each frame, the last stands
+ * longer. `split`: the column from which on colours are others. */
+export function gif(frames, seconds, split) {
   const [{ width, height }] = frames;
-  const { colours, place } = palette(frames);
+  const colours = new Uint8Array(3 * 256);
+  const [left, right] = [[0, split], [split, width]].map((columns, side) => palette(frames, columns, colours, side * COLOURS[0], COLOURS[side]));
   const bytes = new Bytes();
   bytes.text("GIF89a");
   bytes.word(width);
@@ -119,7 +124,7 @@ export function gif(frames, seconds) {
       const at = 4 * pixel;
       const same = index > 0 && Math.abs(data[at] - shown[at]) < SAME && Math.abs(data[at + 1] - shown[at + 1]) < SAME && Math.abs(data[at + 2] - shown[at + 2]) < SAME;
       if (same) { pixels[pixel] = TRANSPARENT; continue; }
-      pixels[pixel] = place[cell(data, at)];
+      pixels[pixel] = (pixel % width < split ? left : right)[cell(data, at)];
       for (let channel = 0; channel < 3; channel += 1) shown[at + channel] = data[at + channel];
     }
     const hundredths = Math.round(100 * (index === frames.length - 1 ? Math.max(1.5, seconds) : seconds));

@@ -47,7 +47,7 @@ async function show() {
     }
     if (kind === "play") {
       title("A policy at work", [crumb("at work")]);
-      await showPlay(root, opening.play ?? "", signal);
+      await showPlay(root, opening, signal);
     } else if (!kind) {
       title("Runs", []);
       await showList(root, query, signal);

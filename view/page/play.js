@@ -1,12 +1,9 @@
-// A policy that plays: one of its environments after the other, step by step, as fast as steps come.
+// A policy that plays: one of its environments after the other, step by step, at its rate.
 
 import { h, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { count, figure, kitchenName } from "./format.js";
 import { Stage, besides, explained } from "./stage.js";
 
-/** Steps a second, as a policy plays by default; what lies behind what goes on is caught up with within two seconds. */
-const SPEED = 6;
-const CATCH_UP = 2;
 /** How long the end of an episode is looked at, and how long to wait where there is nothing new, milliseconds. */
 const END = 2500;
 const LOOK = 400;
@@ -17,8 +14,9 @@ const FIRST_PROCEDURAL = 1000;
 
 /** The environment that is watched. The evaluation may be another one when all episodes have been played. */
 class SceneRenderer {
-  constructor(root, policy, signal) {
-    Object.assign(this, { policy, signal, run: null, chosen: null, seen: null, skips: false, live: null, still: false, stage: null, over: [] });
+  constructor(root, { play: policy = "", speed }, signal) {
+    // Steps a second, as a policy plays by default.
+    Object.assign(this, { policy, signal, speed: speed ?? 5, run: null, chosen: null, seen: null, skips: false, live: null, still: false, stage: null, over: [] });
     this.title = h("h1", {}, "A policy at work");
     this.plays = h("p", { class: "small" }, policy);
     this.terms = h("p", { class: "soft small" }, "\u00a0");
@@ -28,14 +26,16 @@ class SceneRenderer {
     this.button = h("button", { "aria-pressed": "false", hidden: true, onclick: () => this.toggle() }, "Pause");
     this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
     this.place = h("div", {}, h("section", { class: "card" }, h("p", {}, "Here a robot will be seen at its task, step by step, episode after episode. The menu above chooses the kitchen.")));
-    replace(root, h("div", { class: "row between plays" }, this.title, this.wait.element, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", {}, this.plays, this.terms, this.tally), this.place);
+    root.classList.add("work");
+    replace(root, h("div", { class: "row between plays" }, this.title, this.wait.element, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", { class: "tells" }, this.plays, this.terms, this.tally), this.place);
   }
 
   /** Says what it waits for; nothing without a text. */
   waits(text) {
-    if (text && text !== this.wait.words.textContent) this.wait.renew(text);
+    const { style } = this.wait.element;
+    if (text && (text !== this.wait.words.textContent || style.visibility === "hidden")) this.wait.renew(text);
     // Its line stays: nothing jumps.
-    this.wait.element.style.visibility = text ? "visible" : "hidden";
+    style.visibility = text ? "visible" : "hidden";
   }
 
   toggle() {
@@ -99,12 +99,15 @@ class SceneRenderer {
     return `${kitchen}-${environment}-${Math.min(number, seen.number + 1)}`;
   }
 
+  /** The episode that is not there yet, in words. */
+  awaited() { return `${this.seen ? "Next" : "First"} episode in ${kitchenName(this.chosen.split("/")[0], this.live.card.scenes)}`; }
+
   newest() { return json(`/api/runs/${encodeURIComponent(this.run)}/newest/${this.chosen}`, { signal: this.signal }); }
 
   /** Shows an episode to its end, or until another kitchen is chosen; it may still go on. */
   async show(key) {
     const { signal, run, chosen } = this;
-    this.waits(`The episode in ${kitchenName(chosen.split("/")[0], this.live.card.scenes)} is simulated up to its last step`);
+    this.waits(this.awaited());
     const stage = await Stage.open(run, key, signal);
     this.waits("");
     this.button.hidden = false;
@@ -114,7 +117,7 @@ class SceneRenderer {
     const newer = h("span", { class: "soft" });
     const counted = (newest) => {
       const ahead = newest.split("-")[2] - number;
-      replace(newer, ahead > 0 ? [`the policy is ${ahead === 1 ? "an episode" : `${ahead} episodes`} ahead `, h("button", { class: "small", onclick: () => { this.skips = true; } }, "Show the newest")] : null);
+      replace(newer, ahead > 0 ? [` the policy is ${ahead === 1 ? "an episode" : `${ahead} episodes`} ahead `, h("button", { class: "small", onclick: () => { this.skips = true; } }, "Show the newest")] : null);
     };
     counted(await this.newest() ?? key);
     // The policy does not wait for this page.
@@ -126,32 +129,37 @@ class SceneRenderer {
     const keys = [["space", "pause"], ["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
     replace(this.place, h("div", { class: "episode" },
       h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", {}, h("strong", {}, task), h("div", { class: "row small ending" }, h("span", {}, `episode ${stage.episode.number} in ${stage.place}`), end, h("span", { class: "soft" }, missed), newer)), stage.problem,
+        h("div", {}, h("strong", {}, task), h("div", { class: "small ending" }, `episode ${stage.episode.number} in ${stage.place} `, end), h("div", { class: "small newer" }, h("span", { class: "soft" }, missed), newer)), stage.problem,
         besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`))), stage.moved)),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and path"), stage.plan.element, stage.plan.legend))));
     this.camera(stage);
+    const interval = 1000 / this.speed;
+    stage.orbit.rests(false);
+    stage.orbit.follow(0);
     stage.show(0);
     this.place.dataset.episode = key;
-    let newest = performance.now();
+    let newest = performance.now(), due = newest;
     for (let step = 1; !signal.aborted && this.chosen === chosen && !this.skips;) {
+      stage.orbit.rests(this.still);
       if (this.still) {
         await pause(LOOK / 4, signal);
+        due = performance.now();
       } else if (step <= stage.last) {
         // Every step is seen, and what is said is of that step: on a machine that draws slowly the policy gets ahead.
-        const [asked, rate] = [performance.now(), Math.max(SPEED, (stage.last - step) / CATCH_UP)];
-        stage.orbit.step = step;
-        stage.orbit.follow();
+        await pause(Math.max(0, due - performance.now()), signal);
+        stage.orbit.follow(step);
         stage.paint(step);
-        while (!stage.isPainted() && !signal.aborted && this.chosen === chosen) await pause(20, signal);
+        while (!stage.isPainted() && !signal.aborted && this.chosen === chosen) await pause(5, signal);
         stage.tell();
         this.place.dataset.step = String(step);
         newest = performance.now();
+        due = Math.max(due + interval, newest);
         this.waits("");
-        const due = ((newest - asked) * rate) / 1000;
-        await pause(Math.max(0, (1 - due) * 1000) / rate, signal);
         step += 1;
+        if (step <= stage.last) stage.load(step);
       } else if (stage.episode.outcome !== "unfinished") {
         const ended = stage.ended();
+        stage.orbit.rests(true);
         replace(end, h("span", { class: stage.kind() }, ended), ` after ${count(stage.last)} steps`);
         this.over.push(stage.episode);
         await this.renew();
@@ -174,12 +182,12 @@ class SceneRenderer {
   camera(stage) {
     const kitchen = this.chosen;
     if (this.turned?.kitchen === kitchen) stage.orbit.camera = structuredClone(this.turned.camera);
-    stage.turned = (camera) => { this.turned = { kitchen, camera: structuredClone(camera) }; };
+    stage.turned = (camera) => { this.turned = stage.orbit.isHome() ? null : { kitchen, camera: structuredClone(camera) }; };
   }
 }
 
-export async function showPlay(root, policy, signal) {
-  const renderer = new SceneRenderer(root, policy, signal);
+export async function showPlay(root, opening, signal) {
+  const renderer = new SceneRenderer(root, opening, signal);
   addEventListener("keydown", (event) => {
     if (event.target.closest("select, button, a, summary")) return;
     if (event.key !== " ") { renderer.stage?.orbit.key(event); return; }
@@ -192,7 +200,7 @@ export async function showPlay(root, policy, signal) {
       const key = await renderer.look() ? await renderer.next() : null;
       const place = `${renderer.run} ${key}`;
       if (key === null || place === shown) {
-        if (renderer.chosen) renderer.waits(`${shown ? "The next" : "The first"} episode in ${kitchenName(renderer.chosen.split("/")[0], renderer.live.card.scenes)} is waited for`);
+        if (renderer.chosen) renderer.waits(renderer.awaited());
         await pause(LOOK, signal);
         continue;
       }

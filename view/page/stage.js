@@ -8,25 +8,38 @@ export function pictureAddress(run, key, query) {
   return `/api/runs/${encodeURIComponent(run)}/episodes/${key}/picture?${search}`;
 }
 
+/** Where there is no room the picture is as light or dark as the page. */
+const tinted = (address) => (isDark() ? `${address}&dark=true` : address);
+
 /** Paints pictures on a canvas; of many that are asked for in a row only the newest is waited for. */
 export class Painter {
-  constructor(canvas, waits = () => {}) { Object.assign(this, { canvas, waits, busy: false, next: null, shown: null }); }
+  constructor(canvas, waits = () => {}) { Object.assign(this, { canvas, waits, busy: false, next: null, shown: null, loaded: null }); }
 
-  async paint(address, signal) {
+  /** A picture as a blob. The one that was asked for last is not asked for again; `took`: told how many milliseconds it took. */
+  load(wanted, signal, took = () => {}) {
+    if (this.loaded?.wanted !== wanted) {
+      const asked = performance.now();
+      const blob = ask(wanted, { signal }).then((answer) => answer.blob());
+      const loaded = { wanted, blob };
+      this.loaded = loaded;
+      blob.then(() => took(performance.now() - asked), () => { if (this.loaded === loaded) this.loaded = null; });
+    }
+    return this.loaded.blob;
+  }
+
+  async paint(address, signal, took) {
     if (this.busy) {
       this.next?.resolve(false);
-      return new Promise((resolve) => { this.next = { address, signal, resolve }; });
+      return new Promise((resolve) => { this.next = { address, signal, took, resolve }; });
     }
     this.busy = true;
     this.waits(true);
     if (!this.asked) addEventListener("recolour", () => this.paint(this.asked, signal).catch(() => {}), { signal });
     this.asked = address;
-    // Where there is no room the picture is as light or dark as the page.
-    const wanted = isDark() ? `${address}&dark=true` : address;
+    const wanted = tinted(address);
     try {
       if (wanted !== this.shown) {
-        const blob = await (await ask(wanted, { signal })).blob();
-        const picture = await createImageBitmap(blob);
+        const picture = await createImageBitmap(await this.load(wanted, signal, took));
         Object.assign(this.canvas, { width: picture.width, height: picture.height });
         this.canvas.getContext("2d").drawImage(picture, 0, 0);
         picture.close();
@@ -37,7 +50,7 @@ export class Painter {
       this.busy = false;
       const { next } = this;
       this.next = null;
-      if (next) this.paint(next.address, next.signal).then(next.resolve, () => next.resolve(false));
+      if (next) this.paint(next.address, next.signal, next.took).then(next.resolve, () => next.resolve(false));
       else this.waits(false);
     }
   }
@@ -69,12 +82,18 @@ function framed(canvas, kind, ...over) {
 
 /** Half of a picture's width for a distance of 1. */
 const HALF_WIDTH = 0.42;
+/** Channels of what an action left, and those of the same as it is seen. */
+const SAME = { held: "holding", target: "current_target" };
+/** Milliseconds that a draft may take: of another step, and of another view of the same one. */
+const DRAFT = [110, 50];
+/** What a pixel of a draft takes on this machine, as of late, milliseconds. */
+let pixelTakes = null;
 const CLAMP = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** The room from a free camera. `moved`: told when the camera was moved. */
 class OrbitView {
   constructor(stage, moved, drawn) {
-    Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, pointers: new Map() });
+    Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, isAtRest: true, pointers: new Map() });
     const canvas = h("canvas", {
       class: "orbit", tabIndex: 0, role: "application", width: 640, height: 480,
       "aria-label": "The room from a free camera. Arrow keys turn it, plus and minus zoom, with shift the arrow keys move it, 0 puts it back.",
@@ -90,6 +109,8 @@ class OrbitView {
 
   /** The view that an episode was opened with: one that goes on has another at its end. */
   home() { this.camera = structuredClone(this.began ??= this.stage.episode.orbit); }
+
+  isHome() { return JSON.stringify(this.camera) === JSON.stringify(this.began); }
 
   /** One pointer turns the camera, or moves it with shift; two fingers move it, and zoom as they part. */
   grab(down) {
@@ -159,12 +180,21 @@ class OrbitView {
     return Math.abs(across) < HALF_WIDTH * depth && Math.abs(up) < 0.75 * HALF_WIDTH * depth;
   }
 
-  /** Where robot or target leave the picture of an episode that goes on: the view from which its way so far is seen. */
-  follow() {
-    const { stage, camera, began } = this;
-    if (JSON.stringify(camera) !== JSON.stringify(began) || stage.places(this.step).every((place) => this.holds(place))) return;
-    this.began = stage.episode.orbit;
-    this.home();
+  /** Where robot or target leave the picture of an episode that goes on: the view from which its way so far is seen. A
+   * camera that the visitor has turned keeps its angle, and goes where the robot is. */
+  follow(step) {
+    this.step = step;
+    const { stage, camera } = this;
+    const places = stage.places(step);
+    const isSeen = () => places.every((place) => this.holds(place));
+    if (!places.length || isSeen()) return;
+    if (this.isHome()) {
+      this.began = stage.episode.orbit;
+      this.home();
+    } else if (!this.holds(places[0])) {
+      camera.centre_m = stage.focus(step);
+      if (!isSeen()) camera.centre_m = [...places[0]];
+    }
   }
 
   /** Moves the middle of what is seen, in the plane of the picture's lower edge. */
@@ -180,20 +210,32 @@ class OrbitView {
 
   changed() { this.draw(); this.moved(this.camera); }
 
-  address(fine) {
+  /** `may`: milliseconds that a draft may take, which is as fine as this machine draws in them. */
+  address(fine, may = DRAFT[0]) {
     const full = CLAMP(Math.round((this.canvas.clientWidth || 640) * Math.min(devicePixelRatio || 1, 1.5)), 240, 960);
-    const width = 4 * Math.round((fine ? full : CLAMP(full / 2, 240, 420)) / 4);
+    const inTime = pixelTakes ? 80 * Math.floor(Math.sqrt(may / pixelTakes / 0.75) / 80) : 0;
+    const width = 4 * Math.round((fine ? full : CLAMP(inTime, CLAMP(full / 2, 240, 420), full)) / 4);
     return this.stage.address({ view: "orbit", step: this.step, width, height: (width * 3) / 4, fine, ...orbitQuery(this.camera) });
+  }
+
+  /** Asks for a draft, also before it is drawn. */
+  draft(may, paints) {
+    const address = this.address(false, may);
+    const { searchParams } = new URL(address, location.href);
+    const took = (ms) => {
+      const takes = ms / searchParams.get("width") / searchParams.get("height");
+      // One that the browser has kept says nothing.
+      if (ms > 10) pixelTakes = pixelTakes ? 0.8 * pixelTakes + 0.2 * takes : takes;
+    };
+    return paints ? this.painter.paint(address, this.stage.signal, took) : this.painter.load(tinted(address), this.stage.signal, took);
   }
 
   /** A draft at once, and soft light when nothing has changed for a moment after it. */
   draw() {
     clearTimeout(this.timer);
-    const { step, stage: { signal } } = this;
+    const { step } = this;
     this.tell(step);
-    const failed = (error) => this.stage.fail(error);
-    const refine = () => this.painter.paint(this.address(true), signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(step); }, failed);
-    this.painter.paint(this.address(false), signal).then((painted) => {
+    this.draft(DRAFT[Number(this.wanted === step)], true).then((painted) => {
       // Of those that were overtaken the newest draws on.
       if (!painted) return;
       this.canvas.dataset.step = String(step);
@@ -201,8 +243,20 @@ class OrbitView {
       this.first.remove();
       this.drawn();
       clearTimeout(this.timer);
-      this.timer = setTimeout(refine, 350);
-    }, failed);
+      if (this.isAtRest) this.timer = setTimeout(() => this.refine(), 350);
+    }, (error) => this.stage.fail(error));
+    this.wanted = step;
+  }
+
+  refine() {
+    const { step } = this;
+    this.painter.paint(this.address(true), this.stage.signal).then((painted) => { if (painted) this.canvas.dataset.fine = String(step); }, (error) => this.stage.fail(error));
+  }
+
+  /** Soft light takes long: while a policy plays there is none. */
+  rests(isAtRest) {
+    if (isAtRest && !this.isAtRest) this.refine();
+    this.isAtRest = isAtRest;
   }
 }
 
@@ -287,7 +341,7 @@ const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag to turn, two
 
 /** What is marked in the room. */
 export const explained = ({ target }) => h("ul", { class: "marks small soft" },
-  [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced, pale where it stood"]]
+  [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced by more than 0.01 m, pale where it stood"]]
     .map(([ink, text]) => h("li", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text)), h("li", { class: "faint" }, hint()));
 
 /** A picture of the room, and beside it, where there is a place, what is said of it. */
@@ -372,7 +426,7 @@ export class Stage {
     const cards = await json("/api/runs", { signal });
     // An evaluation numbers its episodes by kitchen.
     stage.environment = cards.find(({ id }) => id === run)?.evaluation ? null : environment;
-    stage.place = kitchenName(kitchen, cards.find(({ id }) => id === run)?.scenes);
+    stage.place = stage.isPictured && kitchenName(kitchen, cards.find(({ id }) => id === run)?.scenes);
     return stage;
   }
 
@@ -401,6 +455,9 @@ export class Stage {
     return places.length ? [0, 1, 2].map((axis) => places.reduce((sum, place) => sum + place[axis], 0) / places.length) : this.orbit.camera.centre_m;
   }
 
+  /** Whether there are pictures of it: not of environments that are no kitchens. */
+  get isPictured() { return !this.episode.elsewhere; }
+
   get last() { return this.episode.moments.length - 1; }
 
   address(query) { return pictureAddress(this.run, this.key, { ...query, of: this.last }); }
@@ -419,7 +476,7 @@ export class Stage {
   /** What is to be said above the pictures. */
   title() {
     const { environment, episode: { number } } = this;
-    return h("div", { class: "row" }, h("h1", {}, [this.episode.target, this.place].filter(Boolean).join(", ")), h("span", { class: this.kind() }, this.ended()), h("span", { class: "soft small" }, `${environment === null ? "" : `environment ${environment}, `}episode ${number}, ${this.last} steps`));
+    return h("div", { class: "row" }, h("h1", {}, [this.episode.target, this.place].filter(Boolean).join(", ") || "Episode"), h("span", { class: this.kind() }, this.ended()), h("span", { class: "soft small" }, `${environment === null ? "" : `environment ${environment}, `}episode ${number}, ${this.last} steps`));
   }
 
   /** How it ended, and what kept it from ending better. */
@@ -459,13 +516,26 @@ export class Stage {
   /** Asks for a step's pictures. */
   paint(step) {
     this.step = CLAMP(step, 0, this.last);
+    if (!this.isPictured) return;
     this.orbit.step = this.step;
     this.orbit.draw();
     const { depth, step: wanted } = this;
     depth.canvas.setAttribute("aria-label", `What the robot's depth camera sees at step ${wanted}`);
     depth.tell(wanted);
-    depth.painter.paint(this.address({ view: "depth", step: wanted, width: 224 }), this.signal).then((painted) => { if (painted) { depth.canvas.dataset.step = String(wanted); depth.tell(this.step); } }, (error) => this.fail(error));
+    depth.painter.paint(this.depthAddress(wanted), this.signal).then((painted) => { if (painted) { depth.canvas.dataset.step = String(wanted); depth.tell(this.step); } }, (error) => this.fail(error));
   }
+
+  /** Asks for a step's pictures before they are painted. */
+  load(step) {
+    const { orbit } = this;
+    const shown = orbit.step;
+    orbit.step = step;
+    orbit.draft(DRAFT[0], false);
+    orbit.step = shown;
+    this.depth.painter.load(tinted(this.depthAddress(step)), this.signal);
+  }
+
+  depthAddress(step) { return this.address({ view: "depth", step, width: 224 }); }
 
   /** Whether the pictures are of the step that was asked for, or never will be. */
   isPainted() { return !this.problem.hidden || [this.orbit, this.depth].every(({ canvas }) => canvas.dataset.step === String(this.step)); }
@@ -482,7 +552,7 @@ export class Stage {
   /** Says what there is to say of the step. */
   tell() {
     const now = this.episode.moments[this.step];
-    this.plan.draw(this.step);
+    if (this.isPictured) this.plan.draw(this.step);
     const { task } = this.episode;
     const { acted, noted, measured } = this.said(this.step);
     replace(this.words, h("strong", {}, `step ${this.step}`), h("span", {}, acted),
@@ -490,9 +560,12 @@ export class Stage {
       measured && h("span", { class: "soft" }, measured));
     this.rewards(now);
     this.displaced(now);
-    const told = task.channels.filter(({ name }) => now.channels[name]);
-    replace(this.channels, h("details", {}, h("summary", { class: "small" }, "All that is recorded of this step"), h("table", { class: "parts small" },
-      h("tbody", {}, told.map((channel) => h("tr", { title: channel.doc }, h("td", {}, words(channel.name, channel.unit)), h("td", {}, quantity(channel, now.channels[channel.name], false))))))));
+    // What an action left and what is seen then is one thing; so are a vector and its length.
+    const told = Map.groupBy(task.channels.filter(({ name }) => now.channels[name]), ({ name, unit }) => words(SAME[name] ?? name, unit));
+    const numbers = (channels) => new Set(channels.map((channel) => quantity(channel, now.channels[channel.name], false)));
+    const isOpen = this.channels.firstChild?.open ?? !this.isPictured;
+    replace(this.channels, h("details", { open: isOpen }, h("summary", { class: "small" }, "All that is recorded of this step"), h("table", { class: "parts small" },
+      h("tbody", {}, [...told].map(([name, channels]) => h("tr", { title: channels.map(({ doc }) => doc).join(" ") }, h("td", {}, name), h("td", {}, [...numbers(channels)].map((text) => h("div", {}, text)))))))));
   }
 
   /** What the task's first reward is made of, and the others. */
@@ -520,9 +593,14 @@ export class Stage {
   }
 
   displaced(now) {
-    const rows = [...now.moved].sort((a, b) => b[1] - a[1]).map(([thing, far]) => h("tr", {}, h("td", {}, this.episode.things[thing].category), h("td", {}, metres(far))));
+    const row = (name, far, kind) => h("tr", { class: kind }, h("td", {}, name), h("td", {}, metres(far)));
+    const rows = [...now.moved].sort((a, b) => b[1] - a[1]).map(([thing, far]) => row(this.episode.things[thing].category, far));
+    const listed = now.moved.reduce((total, [, far]) => total + far, 0);
+    const total = now.channels.disturbance_m?.[0] ?? listed;
+    // Only what is violet in the pictures has a name here.
+    if (total - listed >= 0.0005) rows.push(row("less than 0.01 m each", total - listed, "soft"));
     replace(this.moved, h("table", { class: "parts small" },
-      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Disturbance"), h("th", { scope: "col" }, metres(now.moved.reduce((total, [, far]) => total + far, 0))))),
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Disturbance"), h("th", { scope: "col" }, metres(total)))),
       h("tbody", {}, rows.length ? rows : h("tr", {}, h("td", { colSpan: 2, class: "soft alone" }, "Nothing is displaced.")))));
   }
 }

@@ -1,4 +1,5 @@
 use proto::replay::{RecordedEpisode, ReplaySetup};
+use proto::show::ShownEpisode;
 use proto::task::Described;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -33,9 +34,16 @@ pub trait Runs: Send + Sync + 'static {
 /// A recorded episode, and what its run says of it.
 #[derive(Debug, Clone)]
 pub struct Recorded {
-    pub setup: ReplaySetup,
-    pub episode: RecordedEpisode,
+    pub source: Source,
     pub made: Made,
+}
+
+#[derive(Debug, Clone)]
+pub enum Source {
+    /// What it is simulated from.
+    Actions { setup: ReplaySetup, episode: Box<RecordedEpisode> },
+    /// Of environments that are no kitchens: what was recorded of its steps.
+    Steps(Box<ShownEpisode>),
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -44,6 +52,11 @@ pub struct Made {
     pub number: u32,
     /// The reward of the stage in which it was made.
     pub reward: Option<String>,
+    /// Whether its environment is no kitchen: there are no pictures of it.
+    pub elsewhere: bool,
+    /// Of those: the command that makes its film.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub film: Option<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -295,9 +308,6 @@ pub struct EpisodePage {
     pub rows: Vec<EpisodeRow>,
     pub kitchens: Vec<u32>,
     pub elsewhere: bool,
-    /// Of those: the command that makes films, without its options for episodes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub films: Option<String>,
     pub targets: Vec<String>,
     pub columns: Vec<EpisodeColumn>,
     pub successes: Vec<String>,

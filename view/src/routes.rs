@@ -1,5 +1,5 @@
 use crate::answer::{Refusal, json, text};
-use crate::data::{EpisodeKey, EpisodeQuery, Made, Problem, Recorded, Runs};
+use crate::data::{EpisodeKey, EpisodeQuery, Made, Problem, Recorded, Runs, Source};
 use crate::guard;
 use crate::page::{ASSETS, again, report_policy};
 use crate::readings::Readings;
@@ -34,6 +34,8 @@ pub struct Opening {
     pub compare: bool,
     /// The policy that plays, in words.
     pub play: Option<String>,
+    /// Its steps a second.
+    pub speed: Option<u32>,
     pub program: &'static str,
     pub version: &'static str,
 }
@@ -76,8 +78,12 @@ impl Server {
 
     async fn open(&self, run: &str, key: EpisodeKey, later: bool) -> Result<(ShowAnswer, Made), Refusal> {
         let owned = run.to_owned();
-        let Recorded { setup, episode, made } = self.readings.read(move |runs| runs.recorded(&owned, key)).await?;
-        let request = ShowRequest::Open { name: name_of(run, key), setup, episode: Box::new(episode) };
+        let Recorded { source, made } = self.readings.read(move |runs| runs.recorded(&owned, key)).await?;
+        let (setup, episode) = match source {
+            Source::Actions { setup, episode } => (setup, episode),
+            Source::Steps(shown) => return Ok((ShowAnswer::Opened(shown), made)),
+        };
+        let request = ShowRequest::Open { name: name_of(run, key), setup, episode };
         let (answer, _) = self.scene_renderers[usize::from(later)].ask(request).await?;
         match answer {
             ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
@@ -277,6 +283,9 @@ async fn picture(
             Ok(([(CONTENT_TYPE, "image/png"), (CACHE_CONTROL, "private, max-age=600")], bytes).into_response())
         }
         ShowAnswer::Failed { problem } => Err(Refusal(StatusCode::UNPROCESSABLE_ENTITY, problem)),
-        _ => Err(unasked()),
+        ShowAnswer::NotOpen => {
+            Err(Refusal(StatusCode::NOT_FOUND, "no pictures are drawn of environments of your own".to_owned()))
+        }
+        ShowAnswer::Opened(_) => Err(unasked()),
     }
 }

@@ -27,6 +27,8 @@ pub struct Settings {
     pub play: Option<String>,
     /// The name by which a shell finds the program.
     pub program: &'static str,
+    /// Its steps a second.
+    pub speed: Option<u32>,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -42,8 +44,8 @@ pub async fn serve(
     settings: Settings,
     end: impl Future<Output = ()>,
 ) -> Result<(), ServeError> {
-    let Settings { actor, token, open, compare, play, program } = settings;
-    let opening = Opening { runs: open, compare, play, program, version: env!("CARGO_PKG_VERSION") };
+    let Settings { actor, token, open, compare, play, program, speed } = settings;
+    let opening = Opening { runs: open, compare, play, program, speed, version: env!("CARGO_PKG_VERSION") };
     let router = router(runs, [actor.clone(), actor].map(SceneRenderer::new), token.into(), opening);
     let room = Arc::new(Semaphore::new(CONNECTIONS));
     tokio::pin!(end);

@@ -11,7 +11,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use view::data::{Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Made, Pairs, Problem, Recorded, Runs};
+use view::data::{
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Made, Pairs, Problem, Recorded, Runs, Source,
+};
 use view::{Settings, serve};
 
 /// What a request shows that has the server's token.
@@ -73,8 +75,8 @@ impl Runs for One {
             start: Vec::new(),
         };
         let setup = ReplaySetup { config: String::new(), folder: None, images: None };
-        let made = Made { number: 7, reward: Some("r_prime".to_owned()) };
-        self.read(run, Recorded { setup, episode, made })
+        let made = Made { number: 7, reward: Some("r_prime".to_owned()), elsewhere: false, film: None };
+        self.read(run, Recorded { source: Source::Actions { setup, episode: Box::new(episode) }, made })
     }
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
         self.read(run, Some(EpisodeKey { kitchen, environment, episode: 1 }))
@@ -123,7 +125,7 @@ impl Server {
         let address = listener.local_addr().expect("an address");
         let runs = Arc::new(One::default());
         let (token, open) = ("0123abcd".to_owned(), vec!["a".to_owned()]);
-        let settings = Settings { play: None, actor, token, open, compare: false, program: "stillroom" };
+        let settings = Settings { play: None, speed: None, actor, token, open, compare: false, program: "stillroom" };
         runtime.spawn(serve(listener, Arc::clone(&runs) as Arc<dyn Runs>, settings, std::future::pending()));
         Self { address, runs, _runtime: runtime, _folder: folder }
     }
@@ -208,7 +210,7 @@ fn an_episode_comes_with_its_number_in_the_table_and_the_reward_of_its_stage() {
     let episode = server.get("/api/runs/a/episodes/1-0-99");
     assert_eq!(episode.status, 200, "{episode:?}");
     assert!(episode.body.contains("\"outcome\":\"failure\""), "{episode:?}");
-    assert!(episode.body.ends_with("\"number\":7,\"reward\":\"r_prime\"}"), "{episode:?}");
+    assert!(episode.body.ends_with("\"number\":7,\"reward\":\"r_prime\",\"elsewhere\":false}"), "{episode:?}");
 }
 
 /// A report lies in a folder that can be anybody's: no script of theirs runs, and none is answered without the token.

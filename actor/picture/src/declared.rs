@@ -41,6 +41,12 @@ fn in_words(name: &str) -> String {
     words.to_lowercase()
 }
 
+/// A channel's name without its unit; that of a distance says that it is one.
+fn named(channel: &Channel) -> String {
+    let name = channel.bare_name().replace('_', " ");
+    name.replace("wrist object", "wrist to object").replace("object goal", "object to goal")
+}
+
 /// Whether the task's first reward has no negative weight for a part.
 fn is_good(spec: &Spec, part: &str) -> bool {
     let terms = spec.rewards.first().into_iter().flat_map(|reward| &reward.terms);
@@ -58,13 +64,12 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     let remarks = pairs().filter(|(channel, field)| {
         channel.role == Role::Part && channel.values == [0.0, 1.0] && field.number(record) == 1.0
     });
-    let remark =
-        |(channel, _): (&Channel, &Field)| (channel.bare_name().replace('_', " "), is_good(spec, &channel.name));
+    let remark = |(channel, _): (&Channel, &Field)| (named(channel), is_good(spec, &channel.name));
     let remarks = remarks.map(remark).collect();
     let is_measure =
         |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
     let measure = |(channel, field): (&Channel, &Field)| {
-        format!("{} {:.3} {}", channel.bare_name().replace('_', " "), field.number(record), channel.unit)
+        format!("{} {:.3} {}", named(channel), field.number(record), channel.unit)
     };
     let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
     Captions {

@@ -22,7 +22,7 @@ mod walls;
 
 pub use canvas::{Canvas, PictureError, Rgb};
 pub use declared::{action_name, captions, target, target_name, task};
-pub use moment::{Captions, Moment, Task};
+pub use moment::{Captions, Moment, Task, is_displaced};
 pub use scene::{NIGHT, PAPER, Scene, Standpoint};
 pub use storyboard::Storyboard;
 pub use view::Views;

@@ -1,4 +1,5 @@
 use rapier3d::math::{Pose3, Vec3};
+use simulator::environment::DISTURBED_AXIS_M;
 use simulator::kitchen::Kitchen;
 use simulator::robot::links::PartPoses;
 use simulator::simulation::Simulation;
@@ -60,6 +61,11 @@ pub struct Captions {
     pub outcome: Option<(String, Option<usize>)>,
 }
 
+/// Whether what was at the one place and is at the other counts as displaced.
+pub fn is_displaced(from: Vec3, to: Vec3) -> bool {
+    (to - from).abs().max_element() > DISTURBED_AXIS_M
+}
+
 /// The movable things that are not always where they are at first, and the target: pictures of the whole episode do not
 /// show their shadows.
 pub fn moving(task: &Task, moments: &[Moment]) -> Vec<usize> {
@@ -79,7 +85,7 @@ pub struct Point {
     pub slack_m: f32,
 }
 
-/// Start and goal of the target, the robot's start, and everybody's way.
+/// Start and goal of the target, the robot's start, everybody's way, and where it ends for what was displaced.
 pub fn points(task: &Task, moments: &[Moment]) -> Vec<Point> {
     let point = |place: Vec3, weight: f32| Point { place, weight, slack_m: SLACK_M };
     // Its middle, its head and its foot.
@@ -94,6 +100,11 @@ pub fn points(task: &Task, moments: &[Moment]) -> Vec<Point> {
     let of_target = |moment: &Moment| task.target.map(|target| moment.things[target].translation);
     points.extend(of_target(&moments[0]).map(|start| point(start, 3.0)));
     points.extend(robot(&moments[0], START));
+    let place = |moment: &Moment, thing: usize| moment.things[thing].translation;
+    let (first, last) = (&moments[0], &moments[moments.len() - 1]);
+    let displaced =
+        |&thing: &usize| Some(thing) != task.target && is_displaced(place(first, thing), place(last, thing));
+    points.extend((0..last.things.len()).filter(displaced).map(|thing| point(place(last, thing), 3.0)));
     let step = moments.len().div_ceil(SAMPLES).max(1);
     // The last moment counts whatever the step.
     for moment in moments.iter().rev().step_by(step) {

@@ -5,7 +5,7 @@ use super::canvas::{Canvas, Rgb};
 use super::depth_view::{depth_view, mark};
 use super::marks::TARGET;
 use super::model::Model;
-use super::moment::{Moment, Task, moving, points};
+use super::moment::{Moment, Task, is_displaced, moving, points};
 use super::robot::shadow;
 use super::shade::Exposure;
 use super::sky::{Dome, Lit};
@@ -14,7 +14,6 @@ use super::viewpoint::{self, Orbit};
 use super::visible::Visible;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
-use simulator::environment::DISTURBED_AXIS_M;
 use simulator::kitchen::Kitchen;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -138,8 +137,7 @@ impl Scene {
 
     /// Whether a thing, other than the target, is in another place than at first.
     fn is_displaced(&self, thing: usize, things: &[Pose3]) -> bool {
-        let way = things[thing].translation - self.origins[thing].translation;
-        Some(thing) != self.task.target && way.abs().max_element() > DISTURBED_AXIS_M
+        Some(thing) != self.task.target && is_displaced(self.origins[thing].translation, things[thing].translation)
     }
 
     /// The kitchen with its things in these poses, and the first thing's number among the bodies.
@@ -232,6 +230,7 @@ pub(crate) mod tests {
     use proto::kitchen::{KitchenId, Split, TargetCategory};
     use proto::replay::{RecordedEpisode, Rules, play};
     use rapier3d::math::Vec3;
+    use simulator::environment::DISTURBED_AXIS_M;
     use simulator::robot::configuration::Configuration;
     use simulator::robot::links::{part_poses, world_from_camera};
     use simulator::tasks;
@@ -284,6 +283,16 @@ pub(crate) mod tests {
         // No further than what counts as disturbed.
         moment.things[thing].translation = stood + Vec3::new(0.0, 0.9 * DISTURBED_AXIS_M, 0.0);
         assert!(violet(&draw(&moment)) < violet(&before) + 20);
+    }
+
+    #[test]
+    fn the_picture_holds_the_place_where_a_displaced_thing_ends() {
+        let (scene, first, thing) = scene();
+        let mut last = first.clone();
+        let end = first.things[thing].translation + Vec3::new(1.3, -0.4, 1.1);
+        last.things[thing].translation = end;
+        let Vec3 { x, y, z } = scene.best(&[first, last]).camera().camera_from_world * end;
+        assert!(z > 0.0 && x.abs() < 0.42 * z && y.abs() < 0.32 * z, "it is at {x}, {y}, {z}");
     }
 
     /// The first moment of an episode of this kitchen, and of some steps that nobody chose: one of training, or a fixed

@@ -165,7 +165,7 @@ mod tests {
             (said.action.as_str(), &said.remarks[..]),
             ("move arm height +", &[("picked up".to_owned(), true)][..])
         );
-        assert!(said.measures.contains("wrist object 0.250 m"), "{}", said.measures);
+        assert!(said.measures.contains("wrist to object 0.250 m"), "{}", said.measures);
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
         let outcome = |word| outcome_in_words(&rules, word);
         assert_eq!(outcome("success-without-disturbance"), ("success without disturbance".to_owned(), Some(0)));

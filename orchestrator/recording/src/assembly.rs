@@ -8,6 +8,13 @@ use std::cmp::Ordering;
 /// Incarnations of orchestrator and learner: the higher one is the newer.
 pub type Generation = (u32, u32);
 
+/// The messages of an episode's steps, and that of its start.
+#[derive(Debug, Default)]
+pub struct Kept {
+    pub start: Option<Told>,
+    pub steps: Vec<Told>,
+}
+
 #[derive(Debug, Default)]
 pub struct Assembly {
     pub generation: Generation,
@@ -21,6 +28,8 @@ pub struct Assembly {
     pub gap: Option<usize>,
     /// A file under another configuration goes on with it: the one, from this step on.
     pub moved_to: Option<(usize, usize)>,
+    /// Its messages, where they are asked for.
+    pub kept: Option<Kept>,
     last: Option<Told>,
     /// What all steps add up to, if one start of the programs recorded them all.
     sums: Option<Sums>,
@@ -28,6 +37,11 @@ pub struct Assembly {
 }
 
 impl Assembly {
+    /// One that keeps the messages, too.
+    pub fn keeping() -> Self {
+        Self { kept: Some(Kept::default()), ..Self::default() }
+    }
+
     pub fn step(&mut self, declared: &Declared, told: Told) {
         let (generation, step) = (told.engine.whose().1, told.engine.step as usize);
         if !self.is_current(declared, generation, step) {
@@ -45,6 +59,9 @@ impl Assembly {
                 self.hashes.push(told.engine.state_hash);
                 let seen = told.seen.then_some(&*told.record);
                 declared.compared.step(seen, &told.record, &told.rewards, told.engine.end(), &mut self.digests);
+                if let Some(kept) = &mut self.kept {
+                    kept.steps.push(told.clone());
+                }
                 self.last = Some(told);
             }
             Ordering::Greater => drop(self.gap.get_or_insert(self.hashes.len())),
@@ -61,6 +78,9 @@ impl Assembly {
     pub fn begin(&mut self, declared: &Declared, start: &Told) {
         self.start_hash = Some(start.engine.state_hash);
         self.start = declared.compared.start(&start.record);
+        if let Some(kept) = &mut self.kept {
+            kept.start = Some(start.clone());
+        }
     }
 
     pub fn end(&mut self, declared: &Declared, end: Told) {
@@ -79,6 +99,9 @@ impl Assembly {
             }
             self.actions.truncate(step * declared.spec.layout().action.range().len());
             self.hashes.truncate(step);
+            if let Some(kept) = &mut self.kept {
+                kept.steps.truncate(step);
+            }
             self.digests.truncate(step * declared.compared.count());
             (self.gap, self.moved_to, self.end, self.sums) = (None, None, None, None);
         }

@@ -14,6 +14,7 @@ use super::reader::RecordingError;
 use super::reading::{MessageError, Reading};
 use super::schema::STAGES;
 use super::schema::stillroom::StageSwitch;
+use super::told::shown;
 use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -24,6 +25,7 @@ use proto::kitchen::{KitchenId, Kitchens};
 use proto::replay::RecordedEpisode;
 use proto::run_folder::{Item, RunFolder};
 use proto::shell::quoted;
+use proto::show::ShownEpisode;
 use salvage::FileSource;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::fs::File;
@@ -231,15 +233,33 @@ impl EpisodeIndex {
     }
 
     pub fn take_out(&self, key: Key) -> Result<Option<(String, RecordedEpisode)>, RecordingError> {
-        let Some(shelved) = self.episodes.get(&key) else { return Ok(None) };
         let Ok(kitchen) = KitchenId::new(key.0) else { return Ok(None) };
-        let mut assembly = Assembly::default();
-        let mut config = None;
+        let taken = self.assembled(key, Assembly::default())?;
+        Ok(taken.map(|(setting, assembly)| {
+            (setting.text.clone(), assembly.recorded(EnvironmentId { kitchen, number: key.1 }, key.2))
+        }))
+    }
+
+    /// The episode as its messages have it, of an environment that nothing here simulates.
+    pub fn told(&self, key: Key) -> Result<Option<ShownEpisode>, RecordingError> {
+        let taken = self.assembled(key, Assembly::keeping())?;
+        let ended = self.get(key).and_then(|shelved| shelved.end.as_ref());
+        let ended = ended.map(|ended| (ended.outcome.clone(), ended.figures.clone()));
+        Ok(taken.and_then(|(setting, assembly)| {
+            let config = toml::from_str(&setting.text).ok()?;
+            Some(shown(&config, &setting.declared, assembly, ended))
+        }))
+    }
+
+    /// Puts an episode's messages together, and says what the first of its files was recorded under.
+    fn assembled(&self, key: Key, mut assembly: Assembly) -> Result<Option<(&Setting, Assembly)>, RecordingError> {
+        let Some(shelved) = self.episodes.get(&key) else { return Ok(None) };
+        let mut first_setting = None;
         for &(number, first, last) in &shelved.places {
             let volume = &self.volumes[number];
             let unreadable = |cause| RecordingError::Unreadable { path: volume.path.clone(), cause };
             let Some(setting) = &volume.config else { continue };
-            config.get_or_insert_with(|| setting.text.clone());
+            first_setting.get_or_insert(&**setting);
             let file = self.folder.open(&volume.path).map_err(unreadable)?;
             let mut offset = first;
             while offset <= last {
@@ -260,8 +280,7 @@ impl EpisodeIndex {
                 };
             }
         }
-        let Some(config) = config.filter(|_| !assembly.hashes.is_empty()) else { return Ok(None) };
-        Ok(Some((config, assembly.recorded(EnvironmentId { kitchen, number: key.1 }, key.2))))
+        Ok(first_setting.filter(|_| !assembly.hashes.is_empty()).map(|setting| (setting, assembly)))
     }
 
     fn find_volumes(&mut self) {

@@ -15,6 +15,7 @@ pub mod repair;
 pub mod schema;
 #[cfg(test)]
 mod tests;
+mod told;
 pub mod wanted;
 
 use proto::run_folder::{Item, RunFolder};

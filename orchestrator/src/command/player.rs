@@ -136,6 +136,7 @@ pub struct Player {
     pub root: PathBuf,
     /// Which policy, in words: its file, preset, frames and weights.
     pub plays: String,
+    pub steps_per_s: u32,
     policy: PathBuf,
     options: Vec<String>,
     name: String,
@@ -159,7 +160,7 @@ impl Player {
         let options = options(scene.kitchen, scene.split.as_deref(), scene.speed, has_targets(config.spec()));
         let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
-        Ok(Self { root, plays, policy, options, name, child: None })
+        Ok(Self { root, plays, steps_per_s: scene.speed, policy, options, name, child: None })
     }
 
     /// Plays all episodes again and again; comes back with the reason when that is not possible.

@@ -103,6 +103,7 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
         compare: shown.compare,
         play: shown.player.as_ref().map(|player| player.plays.clone()),
         program: name::called(),
+        speed: shown.player.as_ref().map(|player| player.steps_per_s),
     };
     // Where it is refused the server is as important as others.
     let _ = rustix::process::setpriority_process(None, NICENESS);

@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use view::data::{
     Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, Made, Problem, Recorded, Results,
-    Stage, Start, Validated,
+    Source, Stage, Start, Validated,
 };
 
 /// How long recordings are read at a time: while a run is watched, each second; and for a table that somebody waits
@@ -256,7 +256,6 @@ impl Watched {
             indexed: self.episode_index.indexed(),
             notes: self.episode_index.notes.clone(),
             elsewhere: config.environment.is_some(),
-            films: next_steps::film(&next_steps::program(), self.folder.root(), &config),
             ..page
         })
     }
@@ -310,8 +309,18 @@ impl Watched {
     pub fn recorded(&mut self, key: EpisodeKey) -> Result<Recorded> {
         self.episode_index.advance(LOOK);
         let place = (key.kitchen, key.environment, key.episode);
-        let taken = self.episode_index.take_out(place)?;
-        let (config, episode) = taken.ok_or_else(|| {
+        let here = Config::of_run(&self.folder)?;
+        let elsewhere = here.environment.is_some();
+        let source = if elsewhere {
+            self.episode_index.told(place)?.map(|shown| Source::Steps(Box::new(shown)))
+        } else {
+            let folder = std::path::absolute(self.folder.root())?;
+            let folder = folder.to_str().context("the run's folder has a name that is not text")?.to_owned();
+            let setup = |config| ReplaySetup { config, folder: Some(folder), images: None };
+            let taken = self.episode_index.take_out(place)?;
+            taken.map(|(config, episode)| Source::Actions { setup: setup(config), episode: Box::new(episode) })
+        };
+        let source = source.ok_or_else(|| {
             let EpisodeKey { kitchen, environment, episode } = key;
             match self.episode_index.indexed() {
                 1.0.. => Problem::NotThere(format!(
@@ -320,14 +329,16 @@ impl Watched {
                 indexed => Problem::NotYet(format!("the recordings are still being read: {:.0}%", 100.0 * indexed)),
             }
         })?;
-        let folder = std::path::absolute(self.folder.root())?;
-        let folder = folder.to_str().context("the run's folder has a name that is not text")?.to_owned();
         let shelved = self.episode_index.get(place);
+        let number = shelved.and_then(|shelved| shelved.fixed).unwrap_or(key.episode);
+        let film = next_steps::film(&next_steps::program(), self.folder.root(), &here);
         let made = Made {
-            number: shelved.and_then(|shelved| shelved.fixed).unwrap_or(key.episode),
+            number,
+            elsewhere,
+            film: film.map(|films| format!("{films} --environment {} --episode {number}", key.environment)),
             reward: shelved.and_then(|shelved| shelved.reward.as_deref()).map(str::to_owned),
         };
-        Ok(Recorded { setup: ReplaySetup { config, folder: Some(folder), images: None }, episode, made })
+        Ok(Recorded { source, made })
     }
 
     pub fn newest(&mut self, kitchen: u32, environment: u32) -> Option<EpisodeKey> {

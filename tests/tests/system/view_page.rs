@@ -215,6 +215,12 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     );
     assert_eq!(caption, "kitchen 3, episode 41 · Mug · step 9 of 9 · time limit");
 
+    // A finger has buttons for single steps.
+    browser.value("document.querySelector('[aria-label=\"A step back\"]').click()");
+    browser.wait_for("(({ value, max }) => Number(value) < Number(max))(document.querySelector('input[type=range]'))");
+    browser.value("document.querySelector('[aria-label=\"A step on\"]').click()");
+    browser.wait_for(&format!("document.querySelector('canvas.orbit').dataset.fine === '{last}'"));
+
     // The camera is turned by the mouse.
     browser.value("delete document.querySelector('canvas.orbit').dataset.fine");
     browser.drag("canvas.orbit", (120.0, 30.0));

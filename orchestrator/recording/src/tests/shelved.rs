@@ -45,6 +45,13 @@ fn episodes_over_two_files_are_found_as_the_files_appear() {
     assert_eq!(shelf.newest_of(1, 2).map(|shelved| shelved.order).collect::<Vec<_>>(), [3, 2]);
     let first = shelf.episodes().next().unwrap().1;
     assert_eq!((first.target.as_deref(), first.end.as_ref().unwrap().outcome.as_str()), (Some("Apple"), "failure"));
+    // As its messages have it, over both files.
+    let shown = shelf.told((1, 0, 1)).unwrap().expect("it is on the shelf");
+    assert_eq!((shown.moments.len(), shown.outcome.as_str()), (4, "failure"));
+    let acted: Vec<bool> = shown.moments.iter().map(|moment| moment.action.is_some()).collect();
+    assert_eq!(acted, [false, true, true, true]);
+    assert!(shown.moments[3].rewards.contains_key("r") && shown.moments[3].channels.contains_key("disturbance_m"));
+    assert!(shelf.told((1, 0, 9)).unwrap().is_none());
 }
 
 #[test]
