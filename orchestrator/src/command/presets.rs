@@ -22,13 +22,17 @@ pub fn run(args: &PresetsArgs) -> Result<()> {
     }
     let cells = |preset: &Preset| vec![preset.name.clone(), preset.summary.clone()];
     let Some(columns) = terminal::width() else {
-        aligned(&presets().iter().map(cells).collect::<Vec<_>>()).iter().for_each(|line| terminal::out(line));
+        for line in aligned(&presets().iter().map(cells).collect::<Vec<_>>()) {
+            terminal::out(&line);
+        }
         return Ok(());
     };
     for group in presets().chunk_by(|one, next| heading(&one.name) == heading(&next.name)) {
         terminal::out(heading(&group[0].name));
         let rows: Vec<_> = group.iter().map(cells).collect();
-        fitted(&rows, Some(columns - INDENT.len())).iter().for_each(|line| terminal::out(&format!("{INDENT}{line}")));
+        for line in fitted(&rows, Some(columns - INDENT.len())) {
+            terminal::out(&format!("{INDENT}{line}"));
+        }
     }
     Ok(())
 }

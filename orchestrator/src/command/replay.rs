@@ -124,11 +124,12 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     terminal::out(&format!("episodes: {}", totals.episodes));
     terminal::out(&format!("states compared: {}", totals.compared));
     if let Some(images) = &images {
-        match images.format {
-            ImageFormat::Png => terminal::out(&format!("images: {} in {}", totals.images, images.folder)),
-            _ => {
-                terminal::out(&format!("films: {} in {}", totals.episodes, images.folder));
-                names_since(Path::new(&images.folder), began).iter().for_each(|name| terminal::out(name));
+        if images.format == ImageFormat::Png {
+            terminal::out(&format!("images: {} in {}", totals.images, images.folder));
+        } else {
+            terminal::out(&format!("films: {} in {}", totals.episodes, images.folder));
+            for name in names_since(Path::new(&images.folder), began) {
+                terminal::out(&name);
             }
         }
     }

@@ -64,7 +64,7 @@ struct Status {
 #[serde(untagged)]
 enum Work {
     Training {
-        recent: Recent,
+        recent: Box<Recent>,
         stages: Vec<StageMeans>,
         weights: Option<String>,
         wall: Wall,
@@ -101,7 +101,7 @@ impl Work {
         let newest = identity.incarnations.last().filter(|_| !at_rest);
         let silent_s = newest.map(|start| silent_s(start, seen.get(&start.number).copied()) as u64);
         Ok(Self::Training {
-            recent: recent(&config.stages, &history, at_rest),
+            recent: Box::new(recent(&config.stages, &history, at_rest)),
             stages: by_stage(&config.stages, &history),
             weights: summary.map(|summary| summary.weights),
             wall: Wall::of(identity, &seen, !at_rest),

@@ -259,16 +259,15 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
     match error.kind() {
         ErrorKind::InvalidSubcommand => text(ContextKind::InvalidSubcommand).and_then(|word| {
             let all = COMMANDS.iter().flat_map(|(_, theirs)| *theirs).copied();
-            let meant = match error.get(ContextKind::SuggestedSubcommand) {
-                None => match nearest(&word, all).filter(|meant| likeness(&word, meant) > 0.85) {
-                    Some(theirs) => theirs,
-                    // `help` itself suggests none.
-                    None => {
-                        let own = line.get_subcommands().map(clap::Command::get_name);
-                        return Some(format!("did you mean `{}`?", nearest(&word, own)?));
-                    }
-                },
-                Some(_) => word,
+            let is_suggested = error.get(ContextKind::SuggestedSubcommand).is_some();
+            let meant = if is_suggested {
+                word
+            } else if let Some(theirs) = nearest(&word, all).filter(|meant| likeness(&word, meant) > 0.85) {
+                theirs
+            } else {
+                // `help` itself suggests none.
+                let own = line.get_subcommands().map(clap::Command::get_name);
+                return Some(format!("did you mean `{}`?", nearest(&word, own)?));
             };
             let (ours, _) = COMMANDS.iter().find(|(_, theirs)| theirs.contains(&meant.as_str()))?;
             Some(format!("`orchestrator {ours}` does that"))
@@ -436,6 +435,10 @@ mod tests {
             let error = answer(words);
             assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
         }
+    }
+
+    #[test]
+    fn what_a_tip_names_is_there_and_what_needs_none_has_none() {
         for (_, ours, _) in super::OPTIONS.iter().filter(|(_, ours, _)| ours.contains("--set ")) {
             let key = ours.split("--set ").nth(1).unwrap().trim_start_matches('\'').split('=').next().unwrap();
             let problem = format!("{key}=[]").parse::<super::Setting>().err();

@@ -103,7 +103,7 @@ impl FromStr for Setting {
     }
 }
 
-/// Frames as people write them: 2000000, 2_000_000, 2M or 2e6; none of what is no whole number from 1 on.
+/// Frames as people write them: 2000000, `2_000_000`, 2M or 2e6; none of what is no whole number from 1 on.
 pub fn frames_in(text: &str) -> Option<u64> {
     let plain = text.replace('_', "");
     let (digits, unit) = match plain.char_indices().last() {
