@@ -93,7 +93,7 @@ fn a_learner_does_not_answer_what_the_recorder_does_not_have() {
     let mut rig = Rig::new("untaken", config);
     let ended = rig.learner(&Plan::LoseReceipts);
     assert!(!ended.status.success() && trained(&ended).is_empty(), "{ended:?}");
-    assert!(ended.stderr.contains("actors 0, 1 did not answer within 3 s"), "{}", ended.stderr);
+    assert!(ended.stderr.contains("actors 0, 1 did not answer within 6 s"), "{}", ended.stderr);
 }
 
 /// A folder where the file of a checkpoint is to be written stands for a full disk.

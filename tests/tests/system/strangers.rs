@@ -58,7 +58,7 @@ fn another_user_sees_nothing_of_a_run_on_a_page_that_was_opened_in_a_browser() {
         assert!(std::fs::read(&page).is_err() || !geteuid().is_root(), "the file is for its user alone");
         for path in ["/api/runs", "/api/opening", "/api/runs/a/live"] {
             let answer = ask(path);
-            assert!(answer.starts_with("HTTP/1.1 401 ") && answer.contains("`orchestrator view`"), "{path}: {answer}");
+            assert!(answer.starts_with("HTTP/1.1 401 ") && answer.contains("`stillroom view`"), "{path}: {answer}");
         }
     });
     assert_eq!(viewer.json("/api/runs"), serde_json::json!([]));
