@@ -72,8 +72,9 @@ fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
         let outcome = world.outcome.expect("it ended");
         assert!(outcome.saved.is_some(), "what was trained is kept");
         let SessionEnd::Failed(reason) = outcome.end else { panic!("{:?}", outcome.end) };
-        let expected =
-            format!("actor-02 (kitchen 4) died 6 times while the run got no further, {how}; its last messages:\n    oh{advice}");
+        let expected = format!(
+            "actor-02 (kitchen 4) died 6 times while the run got no further, {how}; its last messages:\n    oh{advice}"
+        );
         assert_eq!(reason, expected);
     }
 }
