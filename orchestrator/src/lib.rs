@@ -85,7 +85,7 @@ enum Command {
 }
 
 pub fn main(version: &'static str) -> ExitCode {
-    let matches = command_line().version(version).try_get_matches();
+    let matches = command_line().display_name(output::name::called()).version(version).try_get_matches();
     let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
     let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let line = line.unwrap_or_else(|error| {
