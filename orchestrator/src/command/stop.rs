@@ -48,7 +48,10 @@ pub fn run(args: &StopArgs) -> Result<()> {
     if suite::is_suite(folder.root()) && stop_suite(folder.root(), args.timeout)? {
         return Ok(());
     }
-    suite::refuse(folder.root())?;
+    if suite::is_suite(folder.root()) {
+        terminal::note(&format!("{} does not run", folder.root().display()));
+        return Ok(());
+    }
     Identity::read(&folder)?;
     let (what, asked_to) = if is_evaluation(&folder) { ("evaluation", "stop") } else { ("run", "save and stop") };
     let root = folder.root().display();

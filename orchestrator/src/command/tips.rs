@@ -48,7 +48,8 @@ const OPTIONS: &[(&str, &str, &str)] = &[
     ("up", "it is `--actors N` times `--envs-per-actor N`", "num-envs n-envs num-processes num-workers num-env"),
     ("up", "it is `--learners N`", "gpus num-gpus nproc-per-node distributed world-size"),
     ("up", "it is `--rendezvous HOST:PORT`", "distributed-ip-and-port master-addr"),
-    ("up", "it is `--set learner.device=cuda`", "device cuda gpu"),
+    ("up", "it is `--set learner.device=cuda`, or `=cpu`", "device cuda gpu"),
+    ("up", "it is `--set learner.device=cpu`", "cpu"),
     ("up", "it is the default (`learner.deterministic`)", "torch-deterministic deterministic-cudnn"),
     ("up", "it is `orchestrator resume RUN`", "resume continue restore restart-pipeline"),
     (
@@ -207,8 +208,8 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
             Some("a preset is given as `--preset NAME`; `orchestrator presets` lists them".to_owned())
         }
         "--preset" | "--config" | "--set" | "--seed" if command == "resume" => Some(
-            "a run keeps its settings, but for --frames, --actors and --learners; `orchestrator up --from RUN` begins \
-             another run with its weights"
+            "a run keeps its settings, but for --frames, --actors and --learners, and what is edited in its config.toml; \
+             `orchestrator up --from RUN` begins another run with its weights"
                 .to_owned(),
         ),
         word => {

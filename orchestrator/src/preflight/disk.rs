@@ -19,7 +19,16 @@ const STATE: u64 = 64;
 
 const KITCHEN: u64 = 32_000;
 
-/// What a run writes at most, bytes: (checkpoints and kitchens, recordings).
+/// Fixed episodes, with novel and with seen objects.
+const EPISODES_OF_A_KITCHEN: u64 = 720;
+
+/// Frames of an evaluation at most: so many episodes of each kitchen with novel and with seen objects.
+fn frames_of(config: &Config, episodes: u32) -> u64 {
+    let each = if episodes == 0 { EPISODES_OF_A_KITCHEN } else { 2 * u64::from(episodes) };
+    config.kitchens().count().max(1) as u64 * each * u64::from(config.episode.max_steps)
+}
+
+/// What a run or an evaluation writes at most, bytes: (checkpoints and kitchens, recordings).
 pub fn need(config: &Config) -> (u64, u64) {
     let network = &config.network;
     let inputs = config.spec().inputs().ok();
@@ -38,8 +47,12 @@ pub fn need(config: &Config) -> (u64, u64) {
     // Weights and two moments, beliefs, environment states.
     let state = STATE + u64::from(config.episode.max_steps);
     let checkpoint = parameters * 12 + environments * (states * behind * 4 + state);
-    let kept = u64::from(config.checkpoint.keep) + config.stages.len() as u64 + 1;
-    let frames = total_frames(&config.stages) as f64;
+    let (kept, frames) = match &config.evaluation {
+        // It reads weights where they lie.
+        Some(asked) => (0, frames_of(config, asked.episodes)),
+        None => (u64::from(config.checkpoint.keep) + config.stages.len() as u64 + 1, total_frames(&config.stages)),
+    };
+    let frames = frames as f64;
     let recorded_step = RECORDED_STEP as f64 + config.recording.depth_share * RECORDED_FRAME as f64;
     let recordings = if config.recording.enabled { (frames * recorded_step) as u64 } else { 0 };
     let kitchens = config.kitchens.range().map_or(0, |range| u64::from(range.count()) * KITCHEN);
@@ -99,6 +112,8 @@ fn check_against(config: &Config, folder: &Path, free: u64) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::kitchen::Split;
 
     #[test]
     fn a_full_disk_is_a_problem_and_a_small_one_a_warning() {
@@ -113,6 +128,16 @@ mod tests {
         let mut quiet = paper.clone();
         quiet.recording.enabled = false;
         assert!(matches!(check_against(&quiet, folder, 2 << 30), Finding::Good(_)));
+    }
+
+    #[test]
+    fn an_evaluation_needs_room_for_its_episodes_alone() {
+        let mut config = Config::resolve("paper", None).unwrap();
+        config.evaluation = Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 2));
+        let (checkpoints, recordings) = need(&config);
+        // Twenty episodes of two hundred steps.
+        assert_eq!(checkpoints, 0);
+        assert!((480_000..100_000_000).contains(&recordings), "{recordings}");
     }
 
     #[test]
