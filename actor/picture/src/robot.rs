@@ -12,9 +12,10 @@ use std::f32::consts::FRAC_1_SQRT_2;
 
 const DARK: Rgb = [62, 66, 74];
 const LIGHT: Rgb = [212, 214, 218];
-/// Half of the base's height, the mast's radius, half of the head's sizes, metres.
+/// Half of the base's height, the radii of the mast and of the arm's carriage, half of the head's sizes, metres.
 const BASE_M: f32 = 0.1;
 const MAST_M: f32 = 0.055;
+const CARRIAGE_M: f32 = 0.085;
 const HEAD_M: Vec3 = Vec3::new(0.09, 0.05, 0.07);
 /// Thickness of a link, of its capsule's.
 const LINK: f32 = 0.75;
@@ -72,8 +73,12 @@ pub fn pieces() -> Vec<Piece> {
 
     for (part, shape) in shapes.iter().enumerate().take(HAND).skip(1) {
         let (thick_m, half_m) = capsule(shape);
-        // The shoulder's begins at the mast, deep in the body.
+        // The shoulder's begins at the mast, deep in the body, in a carriage around it.
         let half_m = if part == 1 { half_m + 0.5 * radius_m } else { half_m };
+        if part == 1 {
+            let shoulder = Pose3::translation(0.0, 0.0, -2.0 * half_m);
+            add(part, Primitive::Sphere { radius_m: CARRIAGE_M }, shoulder, palette::ROBOT);
+        }
         let middle = Pose3::from_parts(Vec3::new(0.0, 0.0, -half_m), along_z);
         add(part, Primitive::Capsule { radius_m: LINK * thick_m, half_height_m: half_m }, middle, LIGHT);
         add(part, Primitive::Sphere { radius_m: thick_m }, up(0.0), palette::ROBOT);
