@@ -116,11 +116,14 @@ export async function showList(root, query, signal) {
     const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card.suite_standing ? { ...card, suite: null } : card));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
-    const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}${left}`;
+    const isWhole = card.state === "complete" && card.done >= card.budget;
+    const done = `${count(card.done)}${isWhole ? "" : ` of ${count(card.budget)}`} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", {},
       h("td", {}, box),
       h("td", indent ? { style: { "padding-left": `${indent}rem` } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${about(card)}`)),
-      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))),
+      h("td", {}, card.state === "running"
+        ? [progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))]
+        : h("div", { class: "small whole" }, stateWord(card.state), h("span", { class: "faint" }, `, ${done}`))),
       cells(card),
       h("td", { "data-head": "Begun", class: "optional entire soft small whole" }, date(card.created_unix_s)));
   };
