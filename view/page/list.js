@@ -53,6 +53,13 @@ function means(group) {
   });
 }
 
+/** The metrics of these, those of more runs first; then in the order of the oldest run: a new run moves few. */
+function columnsOf(cards) {
+  const all = [...cards].sort((one, other) => one.created_unix_s - other.created_unix_s).flatMap((card) => card.metrics.map(({ label }) => label));
+  const many = (label) => all.filter((each) => each === label).length;
+  return [...new Set(all)].sort((one, other) => many(other) - many(one));
+}
+
 /** What a card is sorted by; in a column that it has not it comes last. */
 function place(card, column) {
   const own = { run: card.id, progress: card.done / card.budget, begun: card.created_unix_s };
@@ -135,7 +142,7 @@ export async function showList(root, query, signal) {
       if (text === shown) return;
       shown = text;
       const focused = document.activeElement?.getAttribute("aria-label") ?? document.activeElement?.getAttribute("href");
-      metrics = [...new Set(cards.flatMap((card) => card.metrics.map(({ label }) => label)))];
+      metrics = columnsOf(cards);
       const columns = [["Run", "run"], ["Progress", "progress"], ...metrics.map((label, at) => [label, label, at > 1 ? "number optional" : "number"]), ["Begun", "begun", "optional"]];
       if (head.dataset.columns !== metrics.join()) replace(head, h("tr", {}, h("th", {}, h("span", { class: "unseen" }, "Choose")), sorters(columns, asked, sort)));
       head.dataset.columns = metrics.join();
