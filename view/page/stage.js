@@ -368,7 +368,7 @@ export class Strip {
     const named = (good) => [...new Set(marked.filter((mark) => mark.good === good).map(({ name }) => words(name)))].join(", ");
     const unit = task.channels.find(({ name }) => name === limited)?.unit;
     const most = Math.max(0, ...this.stages.flatMap(({ episode }) => episode.moments.map(({ channels }) => channels[limited]?.[0] ?? 0)));
-    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", rewarded && `reward ${optimised(stage.episode)}${stage.name ? `, ${stage.name}` : ""}`));
+    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", rewarded && `reward ${words(optimised(stage.episode))}${stage.name ? `, ${stage.name}` : ""}`));
     return h("div", { class: "legend small soft" }, rewards, said("--faint", rewarded && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
   }
 
@@ -588,8 +588,8 @@ export class Stage {
       h("thead", {}, h("tr", {}, h("th", { scope: "col", colSpan: 2, class: "alone" }, "Reward of this step"))),
       h("tbody", {}, this.step ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
         rows(all),
-        rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, name), h("td", {}, signed(now.rewards[name] ?? 0)))]),
-        rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${name}`), h("td", { class: "soft" }, number(sum(name))))))));
+        rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, words(name)), h("td", {}, signed(now.rewards[name] ?? 0)))]),
+        rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${words(name)}`), h("td", { class: "soft" }, number(sum(name))))))));
   }
 
   displaced(now) {
