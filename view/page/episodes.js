@@ -1,6 +1,6 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
-import { app, every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
+import { app, every, h, json, notice, orders, replace, showOrder, sorters } from "./dom.js";
 import { count, headed, number, outcome, reached, kitchenName } from "./format.js";
 import { paintEnd } from "./stage.js";
 
@@ -56,6 +56,7 @@ export async function showEpisodes(root, run, query, signal) {
     return h("a", { href: address, tabIndex: -1, "aria-hidden": "true" }, canvases.get(key));
   };
   const head = h("tr", {});
+  const by = orders(asked, () => change("offset", "0"));
   let heads = [];
   const body = h("tbody");
   const back = h("button", { onclick: () => change("offset", String(Math.max(0, Number(asked.offset) - PAGE))) }, "Previous");
@@ -67,7 +68,7 @@ export async function showEpisodes(root, run, query, signal) {
       select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("recorded", "recording"),
       h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most"))),
       h("label", {}, whole, "all columns")),
-    h("div", { class: "card scroll" }, h("table", { class: "fold sorted episodes" }, h("thead", {}, head), body)),
+    h("div", { class: "card scroll" }, by, h("table", { class: "fold sorted episodes" }, h("thead", {}, head), body)),
     h("div", { class: "row" }, back, on));
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
 
@@ -132,7 +133,7 @@ export async function showEpisodes(root, run, query, signal) {
         figures.forEach(([, , , doc], at) => { heads[first.length + at].title = doc; });
         replace(head, pictured(page) ? h("th", {}, h("span", { class: "unseen" }, "Its end")) : null, heads);
       }
-      showOrder(heads, asked);
+      showOrder(heads, asked, by);
       const text = JSON.stringify([page.rows, names]);
       if (text === shown) return;
       shown = text;

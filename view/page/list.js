@@ -1,6 +1,6 @@
 // The list of runs with their state.
 
-import { app, every, h, json, notice, replace, showOrder, sorters, withToken } from "./dom.js";
+import { app, every, h, json, notice, orders, replace, showOrder, sorters, withToken } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
@@ -75,7 +75,8 @@ export async function showList(root, query, signal) {
   const body = h("tbody");
   const empty = h("p", { class: "soft" });
   const head = h("thead");
-  const frame = h("div", { class: "card" }, h("table", { class: "fold sorted runs" }, head, body), empty);
+  const by = orders(asked, () => sort());
+  const frame = h("div", { class: "card" }, by, h("table", { class: "fold sorted runs" }, head, body), empty);
   // Of all tasks that runs here have.
   let metrics = [];
   let cards = [];
@@ -84,7 +85,7 @@ export async function showList(root, query, signal) {
   addEventListener("resize", fit, { signal });
   /** The newest first, unless a column's head was clicked. */
   const order = () => {
-    showOrder([...head.querySelectorAll("[data-column]")], asked);
+    showOrder([...head.querySelectorAll("[data-column]")], asked, by);
     const sign = asked.descending ? -1 : 1;
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
@@ -103,7 +104,8 @@ export async function showList(root, query, signal) {
 
   const cells = (card) => metrics.map((label, at) => {
     const metric = card.metrics.find((each) => each.label === label);
-    return h("td", { "data-head": label, class: at > 1 ? "number optional" : "number" }, metric && figure(metric, card.figures[metric.name]));
+    const lacks = !Number.isFinite(card.figures[metric?.name] ?? NaN);
+    return h("td", { "data-head": label, class: `number${at > 1 ? " optional" : ""}${lacks ? " lacking" : ""}` }, metric && figure(metric, card.figures[metric.name]));
   });
   const mean = (one) => h("tr", {}, h("td", {}), h("td", { style: { "padding-left": "1.5rem" } }, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
   const heading = ({ id, suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
