@@ -3,7 +3,7 @@
 import { app, command, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { film, kinds } from "./film.js";
 import { count, outcome, percent, quantity, reached, words } from "./format.js";
-import { Stage, Strip, besides, explained, limit } from "./stage.js";
+import { EDGE, Stage, Strip, besides, explained, limit } from "./stage.js";
 
 /** Goes through the steps of one or two episodes. */
 class Player {
@@ -11,7 +11,7 @@ class Player {
     Object.assign(this, { stages, signal, remember, step: 0, timer: 0 });
     this.last = Math.max(...stages.map((stage) => stage.last));
     this.strip = new Strip(stages, (step) => this.go(step), signal);
-    this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", style: { "--inset": `calc(50% / ${this.last + 1} - 8px)` }, oninput: () => this.go(Number(this.range.value)) });
+    this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", style: { "--inset": `calc((50% - ${EDGE}px) / ${this.last + 1})` }, oninput: () => this.go(Number(this.range.value)) });
     this.play = h("button", { "aria-pressed": "false", title: "key: space", onclick: () => this.toggle() }, "Play");
     this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));
     this.kinds = kinds();

@@ -347,6 +347,9 @@ export const explained = ({ target }) => h("ul", { class: "marks small soft" },
 /** A picture of the room, and beside it, where there is a place, what is said of it. */
 export const besides = (picture, ...said) => h("div", { class: "room" }, picture, h("div", { class: "stack" }, said));
 
+/** Half of the slider's knob, px: the middle of its first and of its last step is that far within its ends, and so are those of the strip. */
+export const EDGE = 8;
+
 /** The reward of the episode's stage, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {
   constructor(stages, go, signal) {
@@ -372,7 +375,7 @@ export class Strip {
     return h("div", { class: "legend small soft" }, rewards, said("--faint", rewarded && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
   }
 
-  drag(event, go) { go(CLAMP(Math.floor((event.offsetX / this.canvas.clientWidth) * (this.steps + 1)), 0, this.steps)); }
+  drag(event, go) { go(CLAMP(Math.floor(((event.offsetX - EDGE) / (this.canvas.clientWidth - 2 * EDGE)) * (this.steps + 1)), 0, this.steps)); }
 
   draw(step) {
     this.step = step;
@@ -382,8 +385,8 @@ export class Strip {
     const pen = this.canvas.getContext("2d");
     pen.scale(ratio, ratio);
     // Each step has a place of the same width, the last one too; the slider above has the same scale.
-    const wide = width / (this.steps + 1);
-    const x = (at) => (at + 0.5) * wide;
+    const wide = (width - 2 * EDGE) / (this.steps + 1);
+    const x = (at) => EDGE + (at + 0.5) * wide;
     const { task } = this.stages[0].episode;
     const limited = limit(task);
     const height_of = (moment) => moment.channels[limited?.channel]?.[0] ?? 0;
