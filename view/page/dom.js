@@ -178,4 +178,22 @@ export function sorters(columns, asked, changed) {
   }, label)));
 }
 
-export const showOrder = (heads, asked) => heads.forEach((one) => one.setAttribute("aria-sort", asked.sort !== one.dataset.column ? "none" : asked.descending === "true" ? "descending" : "ascending"));
+/** The same as one select, for a screen too narrow for heads. */
+export function orders(asked, changed) {
+  const select = h("select", { onchange: () => {
+    const [sign, ...name] = select.value;
+    [asked.sort, asked.descending] = [name.join(""), sign === "-" ? "true" : ""];
+    changed();
+  } });
+  return h("label", { class: "orders" }, "sort by", select);
+}
+
+/** Shows in heads and in their select what is sorted by. */
+export function showOrder(heads, asked, label) {
+  heads.forEach((one) => one.setAttribute("aria-sort", asked.sort !== one.dataset.column ? "none" : asked.descending === "true" ? "descending" : "ascending"));
+  const select = label.lastChild;
+  const entries = heads.flatMap(({ textContent, dataset: { column } }) => [["-", "↓"], ["+", "↑"]].map(([sign, arrow]) => [`${sign}${column}`, `${textContent} ${arrow}`]));
+  if (select.dataset.entries !== entries.join()) replace(select, h("option", { value: "" }, "newest"), entries.map(([value, text]) => h("option", { value }, text)));
+  select.dataset.entries = entries.join();
+  select.value = asked.sort && `${asked.descending ? "-" : "+"}${asked.sort}`;
+}

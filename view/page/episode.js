@@ -1,9 +1,11 @@
 // The pages of one episode, and of two side by side.
 
 import { app, command, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
+import { Chart, look } from "./chart.js";
+import { legend } from "./curves.js";
 import { film, kinds } from "./film.js";
-import { count, outcome, percent, quantity, reached, words } from "./format.js";
-import { Stage, Strip, besides, explained, limit } from "./stage.js";
+import { count, number, outcome, percent, quantity, reached, words } from "./format.js";
+import { EDGE, Stage, Strip, besides, explained, limit } from "./stage.js";
 
 /** Goes through the steps of one or two episodes. */
 class Player {
@@ -11,7 +13,7 @@ class Player {
     Object.assign(this, { stages, signal, remember, step: 0, timer: 0 });
     this.last = Math.max(...stages.map((stage) => stage.last));
     this.strip = new Strip(stages, (step) => this.go(step), signal);
-    this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", style: { "--inset": `calc(50% / ${this.last + 1} - 8px)` }, oninput: () => this.go(Number(this.range.value)) });
+    this.range = h("input", { type: "range", min: "0", max: String(this.last), value: "0", "aria-label": "Step", style: { "--inset": `calc((50% - ${EDGE}px) / ${this.last + 1})` }, oninput: () => this.go(Number(this.range.value)) });
     this.play = h("button", { "aria-pressed": "false", title: "key: space", onclick: () => this.toggle() }, "Play");
     this.speed = h("select", { "aria-label": "Steps a second" }, [2, 5, 10, 20].map((speed) => h("option", { value: String(speed), selected: speed === 5 }, `${speed} a second`)));
     this.kinds = kinds();
@@ -34,6 +36,7 @@ class Player {
     this.range.setAttribute("aria-valuetext", `step ${this.step} of ${this.last}`);
     for (const stage of this.stages) stage.show(this.step);
     this.strip.draw(this.step);
+    this.shown?.(this.step);
     this.remember(this.step);
   }
 
@@ -104,6 +107,28 @@ const keep = (base) => {
   };
 };
 
+/** Curves of what is recorded of an episode without pictures, with the step marked; of a channel as many as there are colours. */
+function channelCurves({ episode: { task, moments } }, signal) {
+  const charts = [];
+  for (const { name, unit } of task.channels) {
+    const values = moments.map(({ channels }) => channels[name] ?? []);
+    const series = Array.from({ length: Math.max(...values.map(({ length }) => length)) }, (_, at) => ({ name: `${words(name, unit)} ${at}`, x: [...moments.keys()], y: values.map((one) => one[at] ?? null) }))
+      .filter(({ y }) => new Set(y.filter((value) => value !== null)).size > 1).slice(0, 7).map((one, at) => ({ ...one, look: look(at) }));
+    if (!series.length) continue;
+    const chart = new Chart(`${words(name, unit)}${unit ? ` (${unit})` : ""}`, { xLabel: "step", format: (value) => number(value, 3), signal });
+    charts.push({ chart, element: chart.element, show: (step) => { chart.content.marks = [{ x: step, label: "", colour: "--ink" }]; chart.plot?.redraw(false); } });
+    const hidden = new Set();
+    const keys = h("div", { class: "legend small" });
+    const draw = () => {
+      chart.show({ ...chart.content, series: series.filter((one) => !hidden.has(one.name)) });
+      replace(keys, series.length > 1 ? legend(series.map((one) => one.name), hidden, draw) : []);
+    };
+    chart.element.append(keys);
+    draw();
+  }
+  return charts;
+}
+
 /** `named`: told what the episode is called. */
 export async function showEpisode(root, run, key, query, signal, named) {
   named(key);
@@ -113,10 +138,12 @@ export async function showEpisode(root, run, key, query, signal, named) {
   named(stage.called());
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   const { film } = stage.episode;
+  const curves = stage.isPictured ? [] : channelCurves(stage, signal);
+  player.shown = (step) => curves.forEach((one) => one.show(step));
   if (!stage.isPictured) replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" }, player.element, h("section", { class: "card" }, stage.words, stage.parts)),
-      h("section", { class: "card" }, stage.channels)),
+      h("div", { class: "side" }, h("section", { class: "card" }, stage.channels), curves.map(({ element }) => element))),
     film && h("p", { class: "small soft" }, "its film, drawn by its own environment: ", command(film)));
   else replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },

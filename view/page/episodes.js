@@ -1,6 +1,6 @@
 // The table of episodes: filtered and sorted by the server, a page at a time.
 
-import { every, h, json, notice, replace, showOrder, sorters } from "./dom.js";
+import { app, every, h, json, notice, orders, replace, showOrder, sorters } from "./dom.js";
 import { count, headed, number, outcome, reached, kitchenName } from "./format.js";
 import { paintEnd } from "./stage.js";
 
@@ -56,6 +56,7 @@ export async function showEpisodes(root, run, query, signal) {
     return h("a", { href: address, tabIndex: -1, "aria-hidden": "true" }, canvases.get(key));
   };
   const head = h("tr", {});
+  const by = orders(asked, () => change("offset", "0"));
   let heads = [];
   const body = h("tbody");
   const back = h("button", { onclick: () => change("offset", String(Math.max(0, Number(asked.offset) - PAGE))) }, "Previous");
@@ -67,7 +68,7 @@ export async function showEpisodes(root, run, query, signal) {
       select("source", "of"), select("kitchen", "kitchen"), select("target", "target"), select("outcome", "outcome"), select("recorded", "recording"),
       h("span", { class: "row range" }, select("range", "with"), h("label", {}, "from", limit("least", "at least")), h("label", {}, "to", limit("most", "at most"))),
       h("label", {}, whole, "all columns")),
-    h("div", { class: "card scroll" }, h("table", { class: "fold sorted episodes" }, h("thead", {}, head), body)),
+    h("div", { class: "card scroll" }, by, h("table", { class: "fold sorted episodes" }, h("thead", {}, head), body)),
     h("div", { class: "row" }, back, on));
   options("recorded", [["", "any"], ["true", "can be simulated"], ["false", "not recorded"]]);
 
@@ -80,16 +81,16 @@ export async function showEpisodes(root, run, query, signal) {
     const places = [elsewhere ? null : kitchenName(each.kitchen, card.scenes).replace("kitchen ", ""), each.environment];
     const where = places.filter((place) => place !== null).join(" / ");
     const ended = outcome(each.outcome, successes);
-    const place = `${elsewhere ? "environment" : "kitchen"} ${where}`;
+    const place = where && `${elsewhere ? "environment" : "kitchen"} ${where}`;
     const called = `${[`episode ${count(each.episode)}`, each.target, place].filter(Boolean).join(", ")}: ${ended}`;
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
       pictured(page) ? h("td", { class: "end" }, each.key ? picture(each.key, address) : null) : null,
-      h("td", { class: "optional" }, where),
+      columns.isPlaced ? h("td", { class: "optional" }, where) : null,
       h("td", { class: "number", "data-head": "Episode" }, address ? h("a", { href: address, "aria-label": called }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
       targets.length ? h("td", { "data-head": "Target" }, each.target ?? "") : null,
       h("td", { class: `ended ${kind(each.outcome, successes)}` }, ended,
         // On a narrow screen in the place of their columns.
-        h("div", { class: "narrow faint small" }, `${place}, ${each.length} ${each.length === 1 ? "step" : "steps"}`)),
+        h("div", { class: "narrow faint small" }, [place, `${each.length} ${each.length === 1 ? "step" : "steps"}`].filter(Boolean).join(", "))),
       h("td", { class: "number optional" }, String(each.length)),
       columns.map((column) => h("td", { class: "number", "data-head": column.label || headed(column.name) }, figure(each.figures[column.name], column))));
   };
@@ -122,21 +123,24 @@ export async function showEpisodes(root, run, query, signal) {
       // What the run's other tables have; the outcome says which successes there are.
       const main = ({ name, is_share: share }) => card.metrics.some((metric) => metric.name === name) && !(share && successes.length);
       const columns = page.columns.filter((column) => whole.checked || main(column) || column.name === asked.sort);
+      columns.isPlaced = !page.elsewhere || page.rows.some(({ environment }) => environment !== null);
       const figures = columns.map(({ name, label, doc }) => [label || headed(name), name, "number", doc]);
       options("range", [["length", "steps"], ...page.columns.map(({ name, label }) => [name, label || headed(name)])]);
-      const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => name !== "target" || page.targets.length);
+      const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => ({ target: page.targets.length, kitchen: columns.isPlaced })[name] ?? true);
       const names = [...first, ...figures].map(([, name]) => name).join();
       if (heads.map((one) => one.dataset.column).join() !== names) {
         heads = sorters([...first, ...figures], asked, () => change("offset", "0"));
         figures.forEach(([, , , doc], at) => { heads[first.length + at].title = doc; });
         replace(head, pictured(page) ? h("th", {}, h("span", { class: "unseen" }, "Its end")) : null, heads);
       }
-      showOrder(heads, asked);
+      showOrder(heads, asked, by);
       const text = JSON.stringify([page.rows, names]);
       if (text === shown) return;
       shown = text;
       for (const key of canvases.keys()) if (!page.rows.some((each) => each.key === key)) canvases.delete(key);
-      replace(notes, page.notes.map((note) => notice(note)));
+      const subject = card.folder.match(/(.+)\/evaluations\/[^/]+$/)?.[1] ?? "RUN";
+      const isBare = card.evaluation && page.elsewhere && page.rows.length && !page.rows.some(({ key }) => key);
+      replace(notes, page.notes.map((note) => notice(note)), isBare ? notice(`not recorded: \`${app.program} eval ${subject} --record all\` records them`) : null);
       const focused = body.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
       replace(body, page.rows.length ? page.rows.map((each) => row(each, page, columns)) : h("tr", {}, h("td", { colSpan: heads.length + 1, class: "soft" }, page.total ? "No episode passes the filters." : "No episode has ended yet.")));
       if (focused) body.querySelector(`a:not([tabindex])[href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });

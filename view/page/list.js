@@ -1,6 +1,6 @@
 // The list of runs with their state.
 
-import { app, every, h, json, notice, replace, showOrder, sorters, withToken } from "./dom.js";
+import { app, every, h, json, notice, orders, replace, showOrder, sorters, withToken } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
@@ -53,6 +53,13 @@ function means(group) {
   });
 }
 
+/** The metrics of these, those of more runs first; then in the order of the oldest run: a new run moves few. */
+function columnsOf(cards) {
+  const all = [...cards].sort((one, other) => one.created_unix_s - other.created_unix_s).flatMap((card) => card.metrics.map(({ label }) => label));
+  const many = (label) => all.filter((each) => each === label).length;
+  return [...new Set(all)].sort((one, other) => many(other) - many(one));
+}
+
 /** What a card is sorted by; in a column that it has not it comes last. */
 function place(card, column) {
   const own = { run: card.id, progress: card.done / card.budget, begun: card.created_unix_s };
@@ -68,7 +75,8 @@ export async function showList(root, query, signal) {
   const body = h("tbody");
   const empty = h("p", { class: "soft" });
   const head = h("thead");
-  const frame = h("div", { class: "card" }, h("table", { class: "fold sorted runs" }, head, body), empty);
+  const by = orders(asked, () => sort());
+  const frame = h("div", { class: "card" }, by, h("table", { class: "fold sorted runs" }, head, body), empty);
   // Of all tasks that runs here have.
   let metrics = [];
   let cards = [];
@@ -77,7 +85,7 @@ export async function showList(root, query, signal) {
   addEventListener("resize", fit, { signal });
   /** The newest first, unless a column's head was clicked. */
   const order = () => {
-    showOrder([...head.querySelectorAll("[data-column]")], asked);
+    showOrder([...head.querySelectorAll("[data-column]")], asked, by);
     const sign = asked.descending ? -1 : 1;
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
@@ -96,7 +104,8 @@ export async function showList(root, query, signal) {
 
   const cells = (card) => metrics.map((label, at) => {
     const metric = card.metrics.find((each) => each.label === label);
-    return h("td", { "data-head": label, class: at > 1 ? "number optional" : "number" }, metric && figure(metric, card.figures[metric.name]));
+    const lacks = !Number.isFinite(card.figures[metric?.name] ?? NaN);
+    return h("td", { "data-head": label, class: `number${at > 1 ? " optional" : ""}${lacks ? " lacking" : ""}` }, metric && figure(metric, card.figures[metric.name]));
   });
   const mean = (one) => h("tr", {}, h("td", {}), h("td", { style: { "padding-left": "1.5rem" } }, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
   const heading = ({ id, suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
@@ -116,11 +125,14 @@ export async function showList(root, query, signal) {
     const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card.suite_standing ? { ...card, suite: null } : card));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
-    const done = `${count(card.done)} of ${count(card.budget)} ${card.evaluation ? "episodes" : "frames"}${left}`;
+    const isWhole = card.state === "complete" && card.done >= card.budget;
+    const done = `${count(card.done)}${isWhole ? "" : ` of ${count(card.budget)}`} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", {},
       h("td", {}, box),
       h("td", indent ? { style: { "padding-left": `${indent}rem` } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${about(card)}`)),
-      h("td", {}, progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))),
+      h("td", {}, card.state === "running"
+        ? [progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))]
+        : h("div", { class: "small whole" }, stateWord(card.state), h("span", { class: "faint" }, `, ${done}`))),
       cells(card),
       h("td", { "data-head": "Begun", class: "optional entire soft small whole" }, date(card.created_unix_s)));
   };
@@ -132,7 +144,7 @@ export async function showList(root, query, signal) {
       if (text === shown) return;
       shown = text;
       const focused = document.activeElement?.getAttribute("aria-label") ?? document.activeElement?.getAttribute("href");
-      metrics = [...new Set(cards.flatMap((card) => card.metrics.map(({ label }) => label)))];
+      metrics = columnsOf(cards);
       const columns = [["Run", "run"], ["Progress", "progress"], ...metrics.map((label, at) => [label, label, at > 1 ? "number optional" : "number"]), ["Begun", "begun", "optional"]];
       if (head.dataset.columns !== metrics.join()) replace(head, h("tr", {}, h("th", {}, h("span", { class: "unseen" }, "Choose")), sorters(columns, asked, sort)));
       head.dataset.columns = metrics.join();

@@ -347,6 +347,9 @@ export const explained = ({ target }) => h("ul", { class: "marks small soft" },
 /** A picture of the room, and beside it, where there is a place, what is said of it. */
 export const besides = (picture, ...said) => h("div", { class: "room" }, picture, h("div", { class: "stack" }, said));
 
+/** Half of the slider's knob, px: the middle of its first and of its last step is that far within its ends, and so are those of the strip. */
+export const EDGE = 8;
+
 /** The reward of the episode's stage, and the channel that its metrics limit, over the steps; a click goes there. */
 export class Strip {
   constructor(stages, go, signal) {
@@ -368,11 +371,11 @@ export class Strip {
     const named = (good) => [...new Set(marked.filter((mark) => mark.good === good).map(({ name }) => words(name)))].join(", ");
     const unit = task.channels.find(({ name }) => name === limited)?.unit;
     const most = Math.max(0, ...this.stages.flatMap(({ episode }) => episode.moments.map(({ channels }) => channels[limited]?.[0] ?? 0)));
-    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", rewarded && `reward ${optimised(stage.episode)}${stage.name ? `, ${stage.name}` : ""}`));
+    const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", rewarded && `reward ${words(optimised(stage.episode))}${stage.name ? `, ${stage.name}` : ""}`));
     return h("div", { class: "legend small soft" }, rewards, said("--faint", rewarded && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
   }
 
-  drag(event, go) { go(CLAMP(Math.floor((event.offsetX / this.canvas.clientWidth) * (this.steps + 1)), 0, this.steps)); }
+  drag(event, go) { go(CLAMP(Math.floor(((event.offsetX - EDGE) / (this.canvas.clientWidth - 2 * EDGE)) * (this.steps + 1)), 0, this.steps)); }
 
   draw(step) {
     this.step = step;
@@ -382,8 +385,8 @@ export class Strip {
     const pen = this.canvas.getContext("2d");
     pen.scale(ratio, ratio);
     // Each step has a place of the same width, the last one too; the slider above has the same scale.
-    const wide = width / (this.steps + 1);
-    const x = (at) => (at + 0.5) * wide;
+    const wide = (width - 2 * EDGE) / (this.steps + 1);
+    const x = (at) => EDGE + (at + 0.5) * wide;
     const { task } = this.stages[0].episode;
     const limited = limit(task);
     const height_of = (moment) => moment.channels[limited?.channel]?.[0] ?? 0;
@@ -588,8 +591,8 @@ export class Stage {
       h("thead", {}, h("tr", {}, h("th", { scope: "col", colSpan: 2, class: "alone" }, "Reward of this step"))),
       h("tbody", {}, this.step ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
         rows(all),
-        rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, name), h("td", {}, signed(now.rewards[name] ?? 0)))]),
-        rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${name}`), h("td", { class: "soft" }, number(sum(name))))))));
+        rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, words(name)), h("td", {}, signed(now.rewards[name] ?? 0)))]),
+        rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${words(name)}`), h("td", { class: "soft" }, number(sum(name))))))));
   }
 
   displaced(now) {
