@@ -25,10 +25,10 @@ pub struct Settings {
     pub open: Vec<String>,
     pub compare: bool,
     pub play: Option<String>,
-    /// The name by which a shell finds the program.
-    pub program: &'static str,
     /// Its steps a second.
     pub speed: Option<u32>,
+    /// The name by which a shell finds the program.
+    pub program: &'static str,
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -45,12 +45,8 @@ pub struct StopArgs {
 
 pub fn run(args: &StopArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
-    if suite::is_suite(folder.root()) && stop_suite(folder.root(), args.timeout)? {
-        return Ok(());
-    }
     if suite::is_suite(folder.root()) {
-        terminal::note(&format!("{} does not run", folder.root().display()));
-        return Ok(());
+        return stop_suite(folder.root(), args.timeout);
     }
     Identity::read(&folder)?;
     let (what, asked_to) = if is_evaluation(&folder) { ("evaluation", "stop") } else { ("run", "save and stop") };
@@ -128,8 +124,8 @@ pub fn run(args: &StopArgs) -> Result<()> {
     Ok(())
 }
 
-/// Stops a suite as Ctrl-C there does, the run in progress first; whether anybody works on it.
-fn stop_suite(root: &Path, timeout_s: u64) -> Result<bool> {
+/// Stops a suite as Ctrl-C there does, the run in progress first.
+fn stop_suite(root: &Path, timeout_s: u64) -> Result<()> {
     let (suite, begin) = (SuiteFolder::new(root), Instant::now());
     let named = root.display();
     let mut asked = None;
@@ -148,10 +144,11 @@ fn stop_suite(root: &Path, timeout_s: u64) -> Result<bool> {
         }
         std::thread::sleep(LOOK);
     }
-    if asked.is_some() {
-        terminal::out(&suite::Standing::read(root)?.summary());
+    if asked.is_none() {
+        terminal::note(&format!("{named} does not run"));
     }
-    Ok(asked.is_some())
+    terminal::out(&suite::Standing::read(root)?.summary());
+    Ok(())
 }
 
 pub(super) struct Log(Tail);

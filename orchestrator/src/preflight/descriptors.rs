@@ -41,7 +41,8 @@ fn check_against(config: &Config, limit: Option<u64>) -> Finding {
         return Finding::Good(format!("{most} of {limit} that a process may have"));
     }
     let fits = (config.fewest_actors()..actors).rev().find(|&fewer| need(config.shares_among(fewer)) <= limit);
-    let fewer = fits.map_or_else(String::new, |fewer| format!(". --actors {fewer} is the most that fits as it is"));
+    let fewer =
+        fits.map_or_else(String::new, |fewer| format!(". --actors {fewer} is the most that the limit allows as it is"));
     let wanted = most.next_power_of_two().max(4096);
     Finding::Problem(format!(
         "more actors than open files allow: with {} and {} a process needs up to {most} open files, but it may have \

@@ -97,7 +97,7 @@ pub fn check(config: &Config, cuda: bool, available: u64) -> Finding {
     let fits = (config.fewest_actors()..actors).rev().find(|&fewer| need(config, fewer, cuda).total <= available);
     let way_out = match fits {
         Some(fewer) => format!(
-            "--actors {fewer} is the most that fits; fewer environments (--envs-per-actor) or, on a CPU, a smaller \
+            "--actors {fewer} is the most that memory holds; fewer environments (--envs-per-actor) or, on a CPU, a smaller \
              ppo.environments_per_pass need less, too"
         ),
         None if config.learner.shards > all.learners => format!(

@@ -28,7 +28,7 @@ fn check_against(config: &Config, free: u64, size: u64) -> Finding {
         return Finding::Good(format!("{} of {} free in {SHARED_MEMORY}", bytes(need), bytes(free)));
     }
     let fits = (config.fewest_actors()..actors).rev().find(|&fewer| shape(fewer).shared_memory_bytes() <= free);
-    let fewer = fits.map_or_else(String::new, |fewer| format!(" --actors {fewer} is the most that fits as it is."));
+    let fewer = fits.map_or_else(String::new, |fewer| format!(" --actors {fewer} is the most that it holds as it is."));
     let wanted_mib = (size - free.min(size) + need).div_ceil(1 << 20).next_multiple_of(64);
     Finding::Problem(format!(
         "{SHARED_MEMORY} is too small: {} of {} need {}, but {} of its {} are free. \

@@ -290,7 +290,8 @@ pub struct LearnerConfig {
     /// after ten times the longest of the last rollouts, if that is less.
     pub actor_deadline_s: f64,
     /// Learners that finish neither a rollout nor an update for ten times as long as the last ones took are taken to
-    /// hang and started again, but not before this time, seconds. An actor in a kitchen: half of it.
+    /// hang and started again, but not before this time, seconds. An actor in the kitchens has at least half of this time
+    /// for an answer.
     pub progress_deadline_s: f64,
 }
 

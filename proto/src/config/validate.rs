@@ -140,7 +140,7 @@ impl Config {
             "must be above 0 and at most 1",
         )?;
         let stages = self.stages.len();
-        within("stages", stages, 1..=STAGES_MOST, "they are so many; there must be 1 to 1000 stages")?;
+        within("number of stages", stages, 1..=STAGES_MOST, "there must be 1 to 1000 stages")?;
         for stage in &self.stages {
             let length = stage.name.chars().count();
             check("stages.name", length, length <= STAGE_NAME_MOST, "a name has at most 64 letters")?;
