@@ -165,7 +165,7 @@ dist: build
 
 # The runs with environments of Python need the programs, too.
 test-python: library
-	@python=$$(LIBRARY=target/release/libstillroom_actor.so PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
+	@python=$$(BUILT=yes PYTHON='$(PYTHON)' python/setup) && (cd python && "$$python" -m pytest -q -rs $(ARGS)) && \
 		STILLROOM_TEST_PYTHON="$$python" cargo test --release --locked --workspace --test system environments:: -- --ignored
 
 bench-python:

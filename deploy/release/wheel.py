@@ -46,6 +46,12 @@ def strip(program, run_path=b"$ORIGIN/libtorch/lib"):
         program.write_bytes(data[:begin] + run_path + bytes(end - begin - len(run_path)) + data[end:])
 
 
+def recorded(name, data):
+    """The line of a file in RECORD."""
+    digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
+    return f"{name},sha256={digest},{len(data)}"
+
+
 def complete(wheel, programs, third_party):
     """Adds programs, library, policy and the licences of what they link to this wheel."""
     made = wheel.with_suffix(".part")
@@ -59,8 +65,7 @@ def complete(wheel, programs, third_party):
                 entry.external_attr = (0o100000 | mode) << 16
             entry.compress_type = zipfile.ZIP_DEFLATED
             new.writestr(entry, data)
-            digest = base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()
-            lines.append(f"{name},sha256={digest},{len(data)}")
+            lines.append(recorded(name, data))
 
         for entry in old.infolist():
             # A wheel of `make python` has the library of that machine.
