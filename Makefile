@@ -119,8 +119,8 @@ test test-all: build
 
 PART := 1/10
 # The wheel is made here, not within the time that a test of it has.
-test-part: build
-	@PYTHON='$(PYTHON)' python/setup >/dev/null
+test-part: library
+	@BUILT=yes PYTHON='$(PYTHON)' python/setup >/dev/null
 	@if cargo nextest --version >/dev/null 2>&1; then \
 		set -x; $(nextest) --ignore-default-filter -E 'not default()' --partition hash:$(PART) --no-tests=pass; \
 	else \
@@ -131,9 +131,9 @@ test-part: build
 schemas: setup
 	STILLROOM_WRITE_SCHEMAS=yes cargo test --release --locked --workspace --test schemas
 
-chaos: build
+chaos: library
 	cargo build --release --locked --workspace --bin chaos
-	@python=$$(PYTHON='$(PYTHON)' python/setup) && STILLROOM_TEST_PYTHON="$$python" ./target/release/chaos faults $(ARGS)
+	@python=$$(BUILT=yes PYTHON='$(PYTHON)' python/setup) && STILLROOM_TEST_PYTHON="$$python" ./target/release/chaos faults $(ARGS)
 
 soak: build
 	cargo build --release --locked --workspace --bin chaos
