@@ -24,6 +24,11 @@ pub fn counted(value: u64, thing: &str) -> String {
     format!("{} {thing}{ending}", count(value))
 }
 
+/// A reward as documents write it; `r_prime` is how a configuration names it.
+pub fn reward(name: &str) -> &str {
+    if name == "r_prime" { "r′" } else { name }
+}
+
 pub fn percent(share: f64) -> String {
     format!("{:.1}", 100.0 * share)
 }

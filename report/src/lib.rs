@@ -19,4 +19,5 @@ mod sweep;
 pub use kept::{Kept, KeptError};
 pub use method::level_of;
 pub use report::{GroupReport, IntervalMethod, Options, Report, RunReport, StageReport, TaskReport};
+pub use results::FieldResult;
 pub use sweep::{Sweep, SweepPoint};

@@ -10,6 +10,9 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Debug, Clone, Serialize)]
 pub struct FieldResult {
     pub field: String,
+    /// The field in words.
+    #[serde(skip)]
+    pub name: String,
     pub kitchens: Vec<KitchenId>,
     pub seeds: Vec<SeedResult>,
     pub metrics: BTreeMap<String, Aggregate>,
@@ -128,6 +131,7 @@ impl FieldResult {
         };
         let result = Self {
             field: field.key(),
+            name: field.name(),
             seeds: evaluated.iter().zip(&episodes.by_seed).enumerate().map(seed).collect(),
             metrics: scores.iter().map(|(name, scores)| (name.clone(), Aggregate::of(scores, RESAMPLES))).collect(),
             rates: rates_of(&episodes.by_seed.concat()),

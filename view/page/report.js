@@ -118,7 +118,7 @@ class Page {
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${this.drawn ? "" : `${group.task} · `}${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
         h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null, entry("frames", short(frames))),
         this.trained(group),
-        group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ").replaceAll("r_prime", "r′")}`) : null);
+        group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
     return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null];
   }

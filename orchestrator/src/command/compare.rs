@@ -15,9 +15,10 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   orchestrator compare runs/a runs/b
   orchestrator compare runs/a/evaluations/* | less -S
+  orchestrator compare runs/table-1          the runs of a suite
   orchestrator compare runs/* --json | jq '.configuration[] | {(.name): .values}'")]
 pub struct CompareArgs {
-    /// Folders of runs or evaluations, at least two
+    /// Folders of runs or evaluations, at least two, or of a suite for all of its runs
     #[arg(value_name = "RUN", required = true)]
     runs: Vec<PathBuf>,
     /// Print one JSON object: `runs`, and `configuration` and `figures` as arrays of objects with `name` and `values`
@@ -26,12 +27,13 @@ pub struct CompareArgs {
 }
 
 pub fn run(args: &CompareArgs) -> Result<()> {
+    let mut runs = Vec::new();
     for run in &args.runs {
         demand!(run.exists(), "{} does not exist{}", run.display(), perhaps(run));
-        suite::refuse(run)?;
+        runs.extend(if suite::is_suite(run) { suite::begun(run)? } else { vec![run.clone()] });
     }
-    demand!(args.runs.len() > 1, "there is nothing to compare {} with: give two runs or more", args.runs[0].display());
-    let comparison = Comparison::read(&args.runs)?;
+    demand!(runs.len() > 1, "there is nothing to compare {} with: give two runs or more", args.runs[0].display());
+    let comparison = Comparison::read(&runs)?;
     if args.json {
         terminal::out_json(&comparison)?;
         return Ok(());

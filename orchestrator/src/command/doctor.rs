@@ -1,4 +1,6 @@
 use super::overrides::{Overrides, default_preset};
+use crate::output::name::as_called;
+use crate::output::table::beside;
 use crate::output::{format, terminal};
 use crate::preflight::all::check_all;
 use crate::preflight::programs::Tools;
@@ -141,7 +143,8 @@ impl Table {
             Finding::Problem(text) => (Status::Problem, "PROBLEM", text),
         };
         if !self.json {
-            terminal::out(&format!("{name:14} {mark:8} {text}"));
+            let head = format!("{name:14} {mark:8} ");
+            beside(&head, &as_called(&text), terminal::width()).iter().for_each(|line| terminal::out(line));
         }
         self.rows.push(Row { name: name.to_owned(), status, text });
     }

@@ -1,3 +1,4 @@
+use super::list::EVALUATIONS;
 use super::player::ShownArgs;
 use crate::environment;
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
@@ -393,7 +394,7 @@ fn default_folder(provenance: &Provenance, asked: &EvaluationConfig) -> PathBuf 
     // Of a policy file, or of nothing that anybody has trained.
     let stem = asked.checkpoint.as_ref().and_then(|file| Path::new(file).file_stem());
     let whose = stem.map_or_else(|| format!("{}-fresh", provenance.preset), |stem| stem.to_string_lossy().into_owned());
-    Path::new("evaluations").join(name(&format!("{whose}-")))
+    Path::new(EVALUATIONS).join(name(&format!("{whose}-")))
 }
 
 #[cfg(test)]

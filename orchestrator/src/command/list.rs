@@ -1,13 +1,16 @@
-use crate::output::table::fitted;
+use crate::output::table::below_paths;
 use crate::output::{format, terminal};
 use crate::viewer::RunReaders;
 use crate::wrong::demand;
 use anyhow::Result;
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use view::data::{Card, Runs};
 
 pub const RUNS: &str = "runs";
+/// Where an evaluation of a policy file stands.
+pub const EVALUATIONS: &str = "evaluations";
 
 /// List runs and evaluations with their state, the newest first
 #[derive(Debug, clap::Args)]
@@ -15,8 +18,8 @@ pub const RUNS: &str = "runs";
   orchestrator list
   orchestrator list /data/runs --json | jq -r '.[] | select(.state == \"running\") | .folder'")]
 pub struct ListArgs {
-    /// Folders that hold runs, or runs
-    #[arg(value_name = "DIR", default_value = RUNS)]
+    /// Folders that hold runs, or runs [default: runs and evaluations]
+    #[arg(value_name = "DIR")]
     folders: Vec<PathBuf>,
     /// Print one JSON array
     #[arg(long)]
@@ -24,48 +27,94 @@ pub struct ListArgs {
 }
 
 pub fn run(args: &ListArgs) -> Result<()> {
-    let unused = args.folders == [PathBuf::from(RUNS)] && !args.folders[0].exists();
-    for folder in args.folders.iter().filter(|_| !unused) {
+    for folder in &args.folders {
         demand!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
     }
-    show(if unused { &[] } else { &args.folders }, args.json)
-}
-
-/// A line for each run in these folders.
-pub fn show(folders: &[PathBuf], json: bool) -> Result<()> {
-    let cards = if folders.is_empty() { vec![] } else { RunReaders::once(folders.to_vec()).list() };
-    if json {
+    let usual = || [RUNS, EVALUATIONS].map(PathBuf::from).into_iter().filter(|folder| folder.exists()).collect();
+    let folders = if args.folders.is_empty() { usual() } else { args.folders.clone() };
+    let cards = if folders.is_empty() { vec![] } else { RunReaders::once(folders).list() };
+    if args.json {
         terminal::out_json(&cards)?;
         return Ok(());
     }
-    if cards.is_empty() {
-        terminal::note("no run yet: `orchestrator up` starts one");
-    }
-    let rows: Vec<Vec<String>> = cards.iter().map(cells).collect();
-    for line in fitted(&rows, terminal::width()) {
-        terminal::out(&line);
-    }
-    // Sentences would widen a column for all.
-    for card in &cards {
-        for sentence in card.problem.iter().chain(&card.note) {
-            // A parser's message shows the place in further lines.
-            terminal::note(&format!("{}: {}", card.folder, sentence.lines().next().unwrap_or_default()));
-        }
-    }
+    print(&cards);
     Ok(())
 }
 
-fn cells(card: &Card) -> Vec<String> {
+pub fn print(cards: &[Card]) {
+    if cards.is_empty() {
+        terminal::note("no run yet: `orchestrator up` starts one");
+    }
+    let row = |card: &Card| [vec![card.folder.clone()], cells(card)].concat();
+    for line in below_paths(&cards.iter().map(row).collect::<Vec<_>>(), terminal::width()) {
+        terminal::out(&line);
+    }
+    note(cards);
+}
+
+/// Sentences, which would widen a column for all.
+pub fn note(cards: &[Card]) {
+    for card in cards {
+        for sentence in card.problem.iter().chain(&card.note) {
+            // A parser's message shows the place in further lines.
+            let sentence = sentence.lines().next().unwrap_or_default();
+            let is_named = sentence.starts_with(&card.folder);
+            let folder = if is_named { String::new() } else { format!("{}: ", card.folder) };
+            terminal::note(&format!("{folder}{sentence}"));
+        }
+    }
+}
+
+/// State and subject, then how far it is, its figures and the time left.
+pub fn cells(card: &Card) -> Vec<String> {
     if card.problem.is_some() {
-        return vec![card.folder.clone(), "unreadable".to_owned()];
+        return vec!["unreadable".to_owned()];
     }
     let what = if card.evaluation { "episodes" } else { "frames" };
-    let done = format!("{} / {} {what}", format::count(card.done), format::count(card.budget));
+    let of = if card.done == card.budget { String::new() } else { format!(" / {}", format::count(card.budget)) };
+    let done = format!("{}{of} {what}", format::count(card.done));
     let metrics = card.metrics.iter().filter(|metric| metric.unit.is_empty());
     let figures = format::metrics(metrics, &card.figures, "  ");
     let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
     let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));
-    let suite = card.suite.as_ref().map_or_else(String::new, |suite| format!("suite {suite}, "));
-    let subject = format!("{suite}{}, seed {}", card.subject(), card.seed);
-    vec![card.folder.clone(), card.state.clone(), subject, done, figures, left]
+    vec![card.state.clone(), subject(card), done, figures, left]
+}
+
+/// A run of a suite is called as the suite calls it, another by its task and preset.
+fn subject(card: &Card) -> String {
+    let run = Path::new(&card.folder).ancestors().nth(if card.evaluation { 2 } else { 0 });
+    let name = run.and_then(Path::file_name).and_then(OsStr::to_str).filter(|_| card.suite.is_some());
+    let name = name.and_then(|name| name.strip_suffix(&format!("-{}", card.seed)));
+    format!("{}, seed {}", name.map_or_else(|| card.subject(), str::to_owned), card.seed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_has_the_name_that_its_suite_gives_it() {
+        let card = |folder: &str, evaluation, suite: Option<&str>| Card {
+            folder: folder.to_owned(),
+            suite: suite.map(str::to_owned),
+            evaluation,
+            preset: "demo".to_owned(),
+            seed: 12,
+            state: "stopped".to_owned(),
+            done: 5,
+            budget: 1000,
+            ..Card::default()
+        };
+        let named = "none, seed 12";
+        let run = cells(&card("runs/s/runs/none-12", false, Some("s")));
+        assert_eq!(run[..3], ["stopped", named, "5 / 1 000 frames"]);
+        assert_eq!(subject(&card("runs/s/runs/none-12/evaluations/suite-test", true, Some("s"))), named);
+        assert_eq!(subject(&card("runs/s/runs/demo-12", false, Some("s"))), "demo, seed 12");
+        assert_eq!(
+            [subject(&card(".", false, Some("s"))), subject(&card("runs/none-12", false, None))],
+            ["demo, seed 12"; 2]
+        );
+        let done = Card { done: 1000, ..card("a", false, None) };
+        assert_eq!(cells(&done)[2], "1 000 frames");
+    }
 }

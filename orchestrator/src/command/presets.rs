@@ -1,4 +1,4 @@
-use crate::output::table::{aligned, fitted};
+use crate::output::table::{aligned, beside};
 use crate::output::terminal;
 use anyhow::Result;
 use proto::config::{Preset, presets};
@@ -29,15 +29,14 @@ pub fn run(args: &PresetsArgs) -> Result<()> {
     };
     for group in presets().chunk_by(|one, next| heading(&one.name) == heading(&next.name)) {
         terminal::out(heading(&group[0].name));
-        let rows: Vec<_> = group.iter().map(cells).collect();
-        for line in fitted(&rows, Some(columns - INDENT.len())) {
-            terminal::out(&format!("{INDENT}{line}"));
+        let width = group.iter().map(|preset| preset.name.len()).max().unwrap_or_default();
+        for preset in group {
+            let head = format!("  {:width$}  ", preset.name);
+            beside(&head, &preset.summary, Some(columns)).iter().for_each(|line| terminal::out(line));
         }
     }
     Ok(())
 }
-
-const INDENT: &str = "  ";
 
 /// What a preset is for, by the beginning of its name.
 fn heading(name: &str) -> &'static str {

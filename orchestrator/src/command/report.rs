@@ -1,6 +1,7 @@
 use crate::output::format::counted;
+use crate::output::table::below_paths;
 use crate::output::terminal;
-use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, write};
+use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, write};
 use crate::report_builder::gather::gather;
 use crate::wrong::{demand, judged};
 use anyhow::Result;
@@ -64,6 +65,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     if let Some(table) = &args.table {
         terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
         return Ok(());
+    }
+    for line in below_paths(&rows(&report), terminal::width()) {
+        terminal::out(&line);
     }
     let groups = report.groups.len();
     let evaluated = report.groups.iter().filter(|group| !group.results.is_empty()).count();

@@ -1,8 +1,10 @@
 //! `orchestrator status`: how a run or an evaluation stands, from its folder alone.
 
+use super::list;
 use crate::environment::growing;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
+use crate::output::table::below_paths;
 use crate::output::terminal;
 use crate::run::identity::{Identity, Incarnation};
 use crate::run::lock::{LockState, holder, state_of};
@@ -16,6 +18,7 @@ use crate::training::restarts::restarts;
 use crate::training::scores::Scores;
 use crate::training::summary::{Summary, table};
 use crate::training::wall::{Wall, signs_of_life, silent_s};
+use crate::viewer::RunReaders;
 use anyhow::Result;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -24,7 +27,8 @@ use proto::trained::History;
 use recording::Recordings;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use view::data::{Card, Runs};
 
 /// Show how a run or an evaluation stands
 ///
@@ -180,19 +184,59 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
     }
 }
 
+fn of_suite(root: &Path, json: bool) -> Result<()> {
+    let cards = RunReaders::once(vec![root.to_path_buf()]).list();
+    if json {
+        terminal::out_json(&cards)?;
+        return Ok(());
+    }
+    let standing = match suite::Standing::read(root) {
+        Ok(standing) => standing,
+        Err(error) => {
+            terminal::note(&format!("{error:#}"));
+            list::print(&cards);
+            return Ok(());
+        }
+    };
+    terminal::out(&standing.summary());
+    let runs = standing.each();
+    for line in below_paths(&suite_rows(&runs, &cards), terminal::width()) {
+        terminal::out(&line);
+    }
+    terminal::out(&format!("runs in {}", root.join("runs").display()));
+    for (run, at) in &runs {
+        if let Some((_, reason)) = at.split_once(": ") {
+            terminal::out_wrapped(&format!("{}: {reason}", run.display()));
+        }
+    }
+    list::note(&cards);
+    Ok(())
+}
+
+/// A row for each run in the order of the suite's file, below it one for each of its evaluations, the oldest first.
+fn suite_rows(runs: &[(PathBuf, String)], cards: &[Card]) -> Vec<Vec<String>> {
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    // The name says what the subject would.
+    let figures = |card: &Card| list::cells(card).into_iter().skip(2).collect();
+    let mut rows = Vec::new();
+    for (run, at) in runs {
+        let at = at.split([':', '(']).next().unwrap_or_default().trim_end().to_owned();
+        let of_run = cards.iter().find(|card| Path::new(&card.folder) == run).map_or_else(Vec::new, figures);
+        rows.push([vec![name(run), at], of_run].concat());
+        let evaluations = run.join("evaluations");
+        for card in cards.iter().rev().filter(|card| Path::new(&card.folder).parent() == Some(&*evaluations)) {
+            rows.push(
+                [vec![format!("  {}", name(Path::new(&card.folder))), card.state.clone()], figures(card)].concat(),
+            );
+        }
+    }
+    rows
+}
+
 pub fn run(args: &StatusArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     if suite::is_suite(folder.root()) {
-        if !args.json {
-            match suite::Standing::read(folder.root()) {
-                Ok(standing) => {
-                    terminal::out(&standing.summary());
-                    terminal::out_wrapped(&standing.each());
-                }
-                Err(error) => terminal::note(&format!("{error:#}")),
-            }
-        }
-        return super::list::show(std::slice::from_ref(&args.run), args.json);
+        return of_suite(folder.root(), args.json);
     }
     let identity = Identity::read(&folder)?;
     let config = Config::of_run(&folder)?;

@@ -1,5 +1,5 @@
 use crate::output::format::{bytes, count, counted};
-use crate::output::table::aligned;
+use crate::output::table::{aligned, below_paths};
 use crate::output::terminal;
 use crate::preflight::disk::need;
 use crate::preflight::{device, libtorch, programs};
@@ -130,10 +130,11 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let runs = standings(&suite, &folder)?;
     if !args.json {
         let rows = suite.entries.iter().zip(&runs).flat_map(|(entry, run)| {
-            let row = |[of, figures]: [String; 2]| vec![run.name.clone(), run.status.status.text(), of, figures];
+            let at = run.status.status.word();
+            let row = |[of, figures]: [String; 2]| vec![run.name.clone(), at.to_owned(), of, figures];
             results(&suite, &folder, entry).into_iter().map(row)
         });
-        for line in aligned(&rows.collect::<Vec<_>>()) {
+        for line in below_paths(&rows.collect::<Vec<_>>(), terminal::width()) {
             terminal::out(&line);
         }
     }
@@ -165,6 +166,9 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         let report = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
         for note in &report.notes {
             terminal::note(note);
+        }
+        if !args.json {
+            below_paths(&files::rows(&report), terminal::width()).iter().for_each(|line| terminal::out(line));
         }
         tell(Some(folder.page()))?;
     }

@@ -11,7 +11,7 @@ use crate::training::summary::Summary;
 use crate::training::wall::{Wall, signs_of_life};
 use anyhow::Result;
 use proto::config::Config;
-use proto::evaluation::{Distribution, Evaluation, RESULT_FILE};
+use proto::evaluation::{Distribution, Evaluation, ObjectSet, RESULT_FILE};
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
 use proto::task::Spec;
@@ -47,8 +47,7 @@ impl List {
     fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
         for metric in task.shown() {
             let value = metric.mean(figures);
-            let shown = if metric.is_share() { format::percent(value) } else { format::number(value, 3) };
-            self.put(format!("{of}: {}", with_unit(&metric.label, &metric.unit)), json!(value), shown);
+            self.put(format!("{of}: {}", with_unit(&metric.label, &metric.unit)), json!(value), shown(&metric, value));
         }
     }
 }
@@ -69,11 +68,11 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
     let is_complete = summary.is_some() || is_evaluation && folder.has(&folder.root().join(RESULT_FILE));
     let state = state_of(identity, &held, is_complete).to_string();
     list.put("state", state.clone(), state);
+    if let Some(summary) = summary {
+        list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
+    }
     if !is_evaluation {
         training(&mut list, folder, config, identity, &held);
-        if let Some(summary) = summary {
-            list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
-        }
     }
     evaluations(&mut list, folder);
     Ok(list.0)
@@ -85,7 +84,7 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     let Scores { scores, notes: more } = Scores::read(folder, config.spec(), at_rest);
     tell(folder, notes.iter().chain(&more));
     list.count("frames", history.frames());
-    list.count("frames asked for", total_frames(&config.stages));
+    list.count("budget", total_frames(&config.stages));
     let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
     let rate = (training_s > 0.0).then(|| history.frames() as f64 / training_s);
     list.put("frames/s", json!(rate), rate.map_or_else(String::new, format::rate));
@@ -148,10 +147,12 @@ fn kind_of(evaluation: &Evaluation) -> String {
     let conditions = &evaluation.conditions;
     let place = place(conditions.split, conditions.procedural, conditions.scenes.len(), None);
     let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
-    let in_kitchens = || format!("{}, {} targets", place.trim_start_matches("the "), conditions.objects.name());
-    let mut kind = seeds.unwrap_or_else(in_kitchens);
+    let mut kind = seeds.unwrap_or_else(|| place.trim_start_matches("the ").to_owned());
+    if conditions.objects != ObjectSet::NoTargets {
+        kind.push_str(&format!(", {} objects", conditions.objects.name()));
+    }
     if conditions.distribution == Distribution::Run {
-        kind.push_str(", drawn");
+        kind.push_str(", drawn episodes");
     }
     if conditions.deterministic {
         kind.push_str(", deterministic");

@@ -1,7 +1,8 @@
 mod figures;
 pub mod settings;
 
-use crate::output::table::{cell, fitted};
+use crate::output::format::NOTHING;
+use crate::output::table::{aligned, blocks, cell, is_wider};
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use anyhow::{Result, ensure};
@@ -13,6 +14,7 @@ use settings::Row;
 use std::path::PathBuf;
 
 const CELL_MAX: usize = 34;
+const NARROW_CELL_MAX: usize = 16;
 
 fn column(folder: &RunFolder) -> Result<(Config, Vec<Figure>)> {
     let identity = Identity::read(folder)?;
@@ -49,24 +51,124 @@ impl Comparison {
             return Err(problems.swap_remove(0).1);
         }
         for (path, error) in problems {
-            terminal::note(&format!("{} is left out: {error:#}", path.display()));
+            // A parser's message shows the place in further lines.
+            let error = format!("{error:#}");
+            terminal::note(&format!("{} is left out: {}", path.display(), error.lines().next().unwrap_or_default()));
         }
         Ok(Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) })
     }
 
     pub fn lines(&self) -> Vec<String> {
-        let head = |title: &str| std::iter::once(title.to_owned()).chain(self.runs.iter().cloned()).collect::<Vec<_>>();
-        let row = |row: &Row| {
-            let cells = row.shown.iter().map(|text| cell(text, CELL_MAX));
-            std::iter::once(format!("  {}", row.name)).chain(cells).collect::<Vec<_>>()
-        };
-        let mut rows = vec![head("configuration")];
-        if self.configuration.is_empty() {
-            rows.push(vec!["  the same in all".to_owned()]);
+        self.within(terminal::width())
+    }
+
+    /// Where the whole table is wider, tables of some runs each, which numbers stand for.
+    fn within(&self, columns: Option<usize>) -> Vec<String> {
+        let whole = aligned(&self.rows(shortened(&self.runs), CELL_MAX));
+        let Some(most) = columns.filter(|&most| is_wider(&whole, most)) else { return whole };
+        let numbers: Vec<String> = (1..=self.runs.len()).map(|number| number.to_string()).collect();
+        let mut lines: Vec<String> =
+            numbers.iter().zip(&self.runs).map(|(number, run)| format!("{number}  {run}")).collect();
+        for mut table in blocks(&self.rows(numbers, NARROW_CELL_MAX), Some(most)) {
+            table.retain(|row| row.len() == 1 || row[1..].iter().any(|cell| cell != NOTHING));
+            let is_title = |row: &Vec<String>| row.len() == 1;
+            let is_empty = |at: usize| is_title(&table[at]) && table.get(at + 1).is_none_or(is_title);
+            let kept: Vec<_> = (0..table.len()).filter(|&at| !is_empty(at)).map(|at| table[at].clone()).collect();
+            lines.push(String::new());
+            lines.extend(aligned(&kept));
         }
-        rows.extend(self.configuration.iter().map(row));
-        rows.push(vec!["figures".to_owned()]);
-        rows.extend(self.figures.iter().map(row));
-        fitted(&rows, terminal::width())
+        lines
+    }
+
+    /// The heads of the columns; then for each part of the comparison a title alone, and its rows.
+    fn rows(&self, heads: Vec<String>, cell_max: usize) -> Vec<Vec<String>> {
+        let head = if self.configuration.is_empty() { "configuration: the same in all" } else { "" };
+        let mut rows = vec![[vec![head.to_owned()], heads].concat()];
+        let settings = self.configuration.iter().map(|row| ("configuration", row.name.as_str(), row));
+        let figures = self.figures.iter().map(|row| {
+            let (part, name) = row.name.split_once(": ").unwrap_or(("figures", &row.name));
+            (part, name, row)
+        });
+        let all: Vec<_> = settings.chain(figures).collect();
+        for (number, (title, ..)) in all.iter().enumerate() {
+            if all[..number].iter().any(|(known, ..)| known == title) {
+                continue;
+            }
+            rows.push(vec![(*title).to_owned()]);
+            for (_, name, row) in all.iter().filter(|(part, ..)| part == title) {
+                let cells = row.shown.iter().map(|text| cell(text, cell_max));
+                rows.push(std::iter::once(format!("  {name}")).chain(cells).collect());
+            }
+        }
+        rows
+    }
+}
+
+/// Paths without the folders that all of them are in, if those are more than one.
+fn shortened(runs: &[String]) -> Vec<String> {
+    let parts = |run: &String| run.split('/').map(str::to_owned).collect::<Vec<_>>();
+    let paths: Vec<Vec<String>> = runs.iter().map(parts).collect();
+    let is_common = |at: usize| paths.iter().all(|path| at + 1 < path.len() && path[at] == paths[0][at]);
+    let common = Some((0..).take_while(|&at| is_common(at)).count()).filter(|&count| count > 1).unwrap_or(0);
+    paths.iter().map(|path| path[common..].join("/")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_comparison_that_is_too_wide_is_several_tables_of_numbered_runs() {
+        let row = |name: &str, shown: [&str; 3]| Row {
+            name: name.to_owned(),
+            values: Vec::new(),
+            shown: shown.map(str::to_owned).to_vec(),
+        };
+        let runs = ["runs/s/runs/one", "runs/s/runs/two", "runs/s/three"].map(str::to_owned).to_vec();
+        let figures = vec![
+            row("state", ["complete", "stopped", "complete"]),
+            row("stage I: SR", ["1.0%", "2.0%", "3.0%"]),
+            row("test kitchens: SR", ["", "", "4.0%"]),
+            row("stage I: SPL", ["0.10", "0.20", ""]),
+        ];
+        let comparison = Comparison { runs, configuration: vec![row("seed", ["1", "a\nb", "3"])], figures };
+        let whole = [
+            "         runs/one  runs/two  three",
+            "configuration",
+            "  seed   1         a b       3",
+            "figures",
+            "  state  complete  stopped   complete",
+            "stage I",
+            "  SR     1.0%      2.0%      3.0%",
+            "  SPL    0.10      0.20      –",
+            "test kitchens",
+            "  SR     –         –         4.0%",
+        ];
+        assert_eq!([comparison.within(None), comparison.within(Some(37))], [whole, whole]);
+        let narrow = [
+            "1  runs/s/runs/one",
+            "2  runs/s/runs/two",
+            "3  runs/s/three",
+            "",
+            "         1         2",
+            "configuration",
+            "  seed   1         a b",
+            "figures",
+            "  state  complete  stopped",
+            "stage I",
+            "  SR     1.0%      2.0%",
+            "  SPL    0.10      0.20",
+            "",
+            "         3",
+            "configuration",
+            "  seed   3",
+            "figures",
+            "  state  complete",
+            "stage I",
+            "  SR     3.0%",
+            "test kitchens",
+            "  SR     4.0%",
+        ];
+        assert_eq!(comparison.within(Some(35)), narrow);
     }
 }

@@ -78,8 +78,8 @@ impl EvaluationRun {
                     terminal::note(&path);
                     terminal::out(json(&evaluation)?.trim_end());
                 } else {
-                    for line in lines(self.config.spec(), &evaluation) {
-                        terminal::out(&line);
+                    for line in lines(self.config.spec(), &evaluation, terminal::width()) {
+                        terminal::out_wrapped(&line);
                     }
                     terminal::out(&path);
                 }

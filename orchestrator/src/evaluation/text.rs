@@ -1,4 +1,5 @@
 use crate::output::format::{self, NOTHING, counted, shown};
+use crate::output::table::{blocks, right_aligned};
 use proto::config::Config;
 use proto::evaluation::{
     CategoryFigures, Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, ObjectSet,
@@ -62,7 +63,8 @@ pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Opti
     (distribution == Distribution::Seeds).then_some(seeds)
 }
 
-pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
+/// In so many columns of a terminal, if it is one.
+pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
     let conditions = &evaluation.conditions;
     let one = match &evaluation.kitchens[..] {
@@ -75,13 +77,11 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation) -> Vec<String> {
     let scenes = conditions.scenes.iter().enumerate().filter(|_| conditions.procedural.is_none());
     lines.extend(scenes.map(|(index, file)| format!("scene {index} is {file}")));
     let results = results(spec, evaluation);
-    let wide = |head: &str| head.chars().count().max(6) + 2;
-    let line = |name: &str, episodes: &str, cells: &mut dyn Iterator<Item = &String>| {
-        let cells = results.heads.iter().zip(cells).map(|([head, _], cell)| format!("{cell:>0$}", wide(head)));
-        format!("{name:<12}{episodes:>10}{}", cells.collect::<String>())
-    };
-    lines.push(line("", "episodes", &mut results.heads.iter().map(|[head, _]| head)));
-    lines.extend(results.rows.iter().map(|row| line(&row.name, &row.episodes.to_string(), &mut row.cells.iter())));
+    let heads = results.heads.iter().map(|[head, _]| format!("{head:>6}"));
+    let head = [format!("{:12}", ""), "episodes".to_owned()].into_iter().chain(heads).collect();
+    let row = |row: &ResultRow| [vec![row.name.clone(), row.episodes.to_string()], row.cells.clone()].concat();
+    let table: Vec<Vec<String>> = std::iter::once(head).chain(results.rows.iter().map(row)).collect();
+    lines.extend(blocks(&table, columns).iter().flat_map(|block| right_aligned(block, 1)));
     lines.extend(results.intervals);
     let figures: Vec<String> = results.figures.iter().map(|[label, figure, _]| format!("{label} {figure}")).collect();
     lines.extend(figures.chunks(4).map(|some| some.join(", ")));
@@ -146,7 +146,7 @@ mod tests {
     use proto::kitchen::KitchenId;
 
     fn result(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Vec<String> {
-        lines(spec, &evaluation(spec, objects, record))
+        lines(spec, &evaluation(spec, objects, record), None)
     }
 
     fn evaluation(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Evaluation {
@@ -178,7 +178,10 @@ mod tests {
 
         let mut evaluation = evaluation(arm, ObjectSet::Novel, played(KitchenId::scene(0).unwrap(), 6, &["success"]));
         evaluation.conditions.scenes = vec!["runs/a/scenes/000/cabin.toml".to_owned()];
-        let of_scene = lines(arm, &evaluation);
+        let narrow = lines(arm, &evaluation, Some(80));
+        assert_eq!(narrow[2], head.strip_suffix("  disturbance (m)  disturbed").unwrap());
+        assert!(narrow.contains(&"              disturbance (m)  disturbed".to_owned()), "{narrow:#?}");
+        let of_scene = lines(arm, &evaluation, None);
         assert_eq!(of_scene[1], "scene 0 is runs/a/scenes/000/cabin.toml");
         assert!(of_scene[3].starts_with("scene 0 "), "{of_scene:#?}");
 

@@ -1,4 +1,4 @@
-pub use report::format::{NOTHING, count, counted, number};
+pub use report::format::{NOTHING, count, counted, number, reward};
 
 use proto::task::Described;
 use recording::Recordings;

@@ -1,54 +1,82 @@
 use crate::output::format::NOTHING;
 
 const BETWEEN: usize = 2;
-/// So wide a column stays as long as the first can be narrower.
-const COMFORTABLE: usize = 12;
 const NARROWEST: usize = 8;
 
 pub fn aligned(rows: &[Vec<String>]) -> Vec<String> {
-    lines(rows, &widths(rows))
+    right_aligned(rows, usize::MAX)
+}
+
+/// All columns but the first `left` end below each other.
+pub fn right_aligned(rows: &[Vec<String>], left: usize) -> Vec<String> {
+    let widths = widths(rows);
+    let align = |(column, cell): (usize, &String)| {
+        // Not by the formatter, which panics from 65,536 letters on.
+        let padding = " ".repeat(widths[column].saturating_sub(cell.chars().count()));
+        if column < left { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
+    };
+    let line = |row: &Vec<String>| row.iter().enumerate().map(align).collect::<Vec<_>>().join(&" ".repeat(BETWEEN));
+    rows.iter().map(|row| line(row).trim_end().to_owned()).collect()
 }
 
 fn widths(rows: &[Vec<String>]) -> Vec<usize> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    // A cell after which the row ends, such as a title, moves no column.
+    let counts = |row: &&Vec<String>, column: usize| row.len() > column + 1 || row.len() == columns;
     let width = |column: usize| {
         let of = |row: &Vec<String>| row.get(column).map_or(0, |cell| cell.chars().count());
-        rows.iter().map(of).max().unwrap_or(0)
+        rows.iter().filter(|row| counts(row, column)).map(of).max().unwrap_or(0)
     };
     (0..columns).map(width).collect()
 }
 
-fn lines(rows: &[Vec<String>], widths: &[usize]) -> Vec<String> {
-    let line = |row: &Vec<String>| {
-        // Not by the formatter, which panics from 65,536 letters on.
-        let padded = |(cell, &width): (&String, &usize)| cell.clone() + &" ".repeat(width - cell.chars().count());
-        let cells = row.iter().zip(widths).map(padded);
-        cells.collect::<Vec<_>>().join(&" ".repeat(BETWEEN)).trim_end().to_owned()
-    };
-    rows.iter().map(line).collect()
+/// A text behind a head; where it is wider than so many columns, it goes on below itself.
+pub fn beside(head: &str, text: &str, terminal: Option<usize>) -> Vec<String> {
+    let indent = head.chars().count();
+    let width = terminal.map_or(usize::MAX, |most| most.saturating_sub(indent).max(NARROWEST));
+    let below = " ".repeat(indent);
+    let heads = std::iter::once(head).chain(std::iter::repeat(below.as_str()));
+    heads.zip(wrapped(text, width)).map(|(head, line)| format!("{head}{line}")).collect()
 }
 
-/// The same in so many columns of a terminal, if it is one: cells that are too wide go on below themselves; those that a
-/// line begins with only if they take more than half of it.
-pub fn fitted(rows: &[Vec<String>], terminal: Option<usize>) -> Vec<String> {
-    let Some(most) = terminal else { return aligned(rows) };
-    let mut widths = widths(rows);
-    while widths.iter().sum::<usize>() + BETWEEN * widths.len().saturating_sub(1) > most {
-        let (first, others) = widths.split_at_mut(1);
-        match others.iter_mut().max() {
-            Some(widest) if *widest > COMFORTABLE => *widest -= 1,
-            _ if first[0] > (most / 2).max(NARROWEST) => first[0] -= 1,
-            Some(widest) if *widest > NARROWEST => *widest -= 1,
-            _ => break,
-        }
+/// A table with the first cell, a path, in a line of its own where the table is wider than so many columns; without
+/// columns where the others are too wide as well.
+pub fn below_paths(rows: &[Vec<String>], terminal: Option<usize>) -> Vec<String> {
+    let lines = aligned(rows);
+    let Some(most) = terminal.filter(|&most| is_wider(&lines, most)) else { return lines };
+    let most = most.saturating_sub(BETWEEN);
+    let others: Vec<Vec<String>> = rows.iter().map(|row| row.iter().skip(1).cloned().collect()).collect();
+    let joined = |row: &Vec<String>| row.iter().filter(|cell| !cell.is_empty()).cloned().collect::<Vec<_>>().join("  ");
+    let in_columns = aligned(&others);
+    let others = if is_wider(&in_columns, most) { others.iter().map(joined).collect() } else { in_columns };
+    let mut lines = Vec::new();
+    for (row, line) in rows.iter().zip(others) {
+        lines.extend(row.first().cloned());
+        lines.extend(wrapped(&line, most).into_iter().map(|line| " ".repeat(BETWEEN) + &line));
     }
-    let broken = |row: &Vec<String>| {
-        let cells: Vec<_> = row.iter().zip(&widths).map(|(cell, &width)| wrapped(cell, width)).collect();
-        let height = cells.iter().map(Vec::len).max().unwrap_or(0);
-        let line = |at: usize| cells.iter().map(|cell| cell.get(at).cloned().unwrap_or_default()).collect();
-        (0..height).map(line).collect::<Vec<Vec<String>>>()
-    };
-    lines(&rows.iter().flat_map(broken).collect::<Vec<_>>(), &widths)
+    lines
+}
+
+pub fn is_wider(lines: &[String], most: usize) -> bool {
+    lines.iter().any(|line| line.chars().count() > most)
+}
+
+/// Tables of as many columns as fit beside the first one, which each has.
+pub fn blocks(rows: &[Vec<String>], terminal: Option<usize>) -> Vec<Vec<Vec<String>>> {
+    let (widths, most) = (widths(rows), terminal.unwrap_or(usize::MAX));
+    let (mut blocks, mut begin) = (Vec::new(), 1);
+    while begin < widths.len() {
+        let mut width = widths[0];
+        let fits = |next: &&usize| {
+            width += BETWEEN + **next;
+            width <= most
+        };
+        let count = widths[begin..].iter().take_while(fits).count().max(1);
+        let part = |row: &Vec<String>| row.iter().take(1).chain(row.iter().skip(begin).take(count)).cloned().collect();
+        blocks.push(rows.iter().map(part).collect());
+        begin += count;
+    }
+    blocks
 }
 
 /// A text in lines of at most `width` characters, broken between words, and within a word that is longer alone.
@@ -72,11 +100,12 @@ pub fn wrapped(text: &str, width: usize) -> Vec<String> {
     lines
 }
 
-/// A text of at most `most` characters: what is longer ends with an ellipsis. Without text a dash.
+/// A text of at most `most` characters in one line: what is longer ends with an ellipsis. Without text a dash.
 pub fn cell(text: &str, most: usize) -> String {
+    let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
     match text.chars().count() {
         0 => NOTHING.to_owned(),
-        length if length <= most => text.to_owned(),
+        length if length <= most => text,
         _ => text.chars().take(most.saturating_sub(1)).chain(['…']).collect(),
     }
 }
@@ -91,13 +120,17 @@ mod tests {
         let rows = [row(["runs/a", "both stages in minutes", "7"]), row(["runs/bc", "gym", "12"])];
         let plain = ["runs/a   both stages in minutes  7", "runs/bc  gym                     12"];
         assert_eq!(aligned(&rows), plain);
-        assert_eq!([fitted(&rows, None), fitted(&rows, Some(35))], [plain, plain]);
-        let expected = ["runs/a   both stages  7", "         in minutes", "runs/bc  gym          12"];
-        assert_eq!(fitted(&rows, Some(24)), expected);
-        let long = [row(["runs/a/evaluations/20261121-test", "complete", "gym, seed 1"])];
-        let expected = ["runs/a/evaluations/   complete  gym,", "20261121-test                   seed 1"];
-        assert_eq!(fitted(&long, Some(40)), expected);
-        assert!(fitted(&rows, Some(1)).iter().all(|line| line.len() < 22), "as narrow as it can be");
+        let text = "both stages in minutes";
+        assert_eq!(beside("demo  ", text, None), ["demo  both stages in minutes"]);
+        assert_eq!(beside("demo  ", text, Some(18)), ["demo  both stages", "      in minutes"]);
+        assert_eq!(beside("demo  ", text, Some(1))[0], "demo  both", "as narrow as it can be");
+        assert_eq!(below_paths(&rows, Some(35)), plain);
+        let below = ["runs/a", "  both stages in minutes  7", "runs/bc", "  gym                     12"];
+        assert_eq!(below_paths(&rows, Some(28)), below);
+        let no_columns = ["runs/a", "  both stages in minutes  7", "runs/bc", "  gym  12"];
+        assert_eq!(below_paths(&rows, Some(27)), no_columns);
+        let titled = [vec!["a title of a part".to_owned()], row(["a", "b", "c"])];
+        assert_eq!(aligned(&titled), ["a title of a part", "a  b  c"]);
         assert_eq!(wrapped("  one two", 6), ["  one", "two"]);
         assert_eq!(wrapped("runs/20261121-demo", 10), ["runs/", "20261121-", "demo"]);
         assert_eq!([wrapped("", 5), wrapped("abcdefg", 5)], [vec![""], vec!["abcde", "fg"]]);

@@ -138,21 +138,26 @@ pub fn interactive() -> bool {
     std::io::stderr().is_terminal() && std::env::var_os("TERM").is_none_or(|term| term != "dumb")
 }
 
+/// A table is no narrower.
+const NARROWEST: usize = 20;
+
 fn columns() -> usize {
     let size = rustix::termios::tcgetwinsize(std::io::stderr());
     size.map_or(80, |size| usize::from(size.ws_col)).max(20) - 1
 }
 
-/// Columns of standard output, if that is a terminal.
+/// Columns of standard output, if that is a terminal; elsewhere those of the variable `COLUMNS`, if it is set.
 pub fn width() -> Option<usize> {
-    let size = rustix::termios::tcgetwinsize(std::io::stdout()).ok()?;
-    Some(usize::from(size.ws_col)).filter(|&columns| columns > 0)
+    let asked = || std::env::var("COLUMNS").ok()?.parse().ok();
+    let size = rustix::termios::tcgetwinsize(std::io::stdout());
+    size.map_or_else(|_| asked(), |size| Some(usize::from(size.ws_col))).filter(|&columns| columns >= NARROWEST)
 }
 
 /// Like [`out`], broken between words where standard output is a terminal that is too narrow.
 pub fn out_wrapped(text: &str) {
     let width = width().unwrap_or(usize::MAX);
-    text.lines().flat_map(|line| wrapped(line, width)).for_each(|line| out(&line));
+    // Before a command's name and its first word stand in two lines.
+    as_called(text).lines().flat_map(|line| wrapped(line, width)).for_each(|line| out(&line));
 }
 
 /// Replaces the progress lines at the bottom of the screen; none removes them. Only for an [`interactive`] terminal.

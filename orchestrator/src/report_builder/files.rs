@@ -9,12 +9,12 @@ use anyhow::{Context, Result, anyhow};
 use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::write_atomically;
-use proto::task::Kind;
+use proto::task::{Described, Kind};
 use report::comparison::Comparison;
 use report::format::{interval, percent};
-use report::statistics::Estimate;
+use report::statistics::{Estimate, Interval};
 use report::study::Run;
-use report::{GroupReport, Kept, Options, Report};
+use report::{FieldResult, GroupReport, Kept, Options, Report};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::Path;
@@ -105,6 +105,29 @@ fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
     rows
 }
 
+/// A row for each result of a group: whose and of which episodes, over how many, and the metrics of its task with the
+/// intervals over seeds.
+pub fn rows(report: &Report) -> Vec<Vec<String>> {
+    let row = |(group, result): (&GroupReport, &FieldResult)| {
+        let metric = |one: &Described| {
+            let Estimate { point, interval } = result.metrics.get(&one.name)?.mean;
+            let shown = |figure| shown(one, Some(figure));
+            let within = |Interval { low, high }| format!(" [{}, {}]", shown(low), shown(high));
+            Some(format!("{} {}{}", one.label, shown(point), interval.map_or_else(String::new, within)))
+        };
+        let [seeds, episodes] = [(result.seeds.len() as u64, "seed"), (result.pooled.episodes, "episode")]
+            .map(|(count, of)| counted(count, of));
+        let metrics = report.tasks[&group.task].shown.iter().filter(|one| one.unit.is_empty()).filter_map(metric);
+        let metrics = metrics.collect::<Vec<_>>().join("  ");
+        vec![group.label.clone(), result.name.clone(), seeds, episodes, metrics]
+    };
+    of_groups(report).map(row).collect()
+}
+
+fn of_groups(report: &Report) -> impl Iterator<Item = (&GroupReport, &FieldResult)> {
+    report.groups.iter().flat_map(|group| group.results.iter().map(move |result| (group, result)))
+}
+
 fn table(report: &Report) -> String {
     let text = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;");
     let rate = |Estimate { point, interval: found }: Estimate| match &found {
@@ -112,7 +135,7 @@ fn table(report: &Report) -> String {
         None => percent(point),
     };
     let mut table = "<table><tr><th>group<th>episodes of<th>seeds<th>episodes<th>metrics, shares in %".to_owned();
-    for (group, result) in report.groups.iter().flat_map(|group| group.results.iter().map(move |one| (group, one))) {
+    for (group, result) in of_groups(report) {
         let (label, seeds, episodes) = (text(&group.label), result.seeds.len(), result.pooled.episodes);
         let described = &report.tasks[&group.task].described;
         let metrics = described.iter().filter_map(|one| Some((one, result.metrics.get(&one.name)?.mean)));

@@ -147,10 +147,8 @@ impl Suite {
                 (asked.objects, entries.iter().find(|entry| !has_targets(entry.config.spec())))
             {
                 bail!(
-                    "[[evaluations]] number {}: objects: an episode of the task `{}` ({}) has no target, and so there are \
-                     no sets of them: leave it out",
+                    "[[evaluations]] number {}: leave out `objects`: an episode of {} has no target",
                     index + 1,
-                    entry.config.task,
                     entry.name
                 );
             }
@@ -337,8 +335,22 @@ fn source(name: &str, config: &Config, before: &[SuiteEntry]) -> Result<usize> {
     let found = before.iter().position(|entry| entry.name == name);
     let found = found.with_context(|| format!("no run further up in the file is called {name}"))?;
     let differences = network_differences(&before[found].config, config)?;
-    ensure!(differences.is_empty(), "{name} trains another network: {}", differences.join("; "));
+    let keys = differences.iter().filter_map(|difference| difference.split(' ').next());
+    ensure!(
+        differences.is_empty(),
+        "{name} trains another network: give both runs the same {}",
+        some_of(keys.map(str::to_owned).collect())
+    );
     Ok(found)
+}
+
+/// The first of many, and how many more there are.
+pub(super) fn some_of(mut many: Vec<String>) -> String {
+    const NAMED: usize = 3;
+    let more = many.len().saturating_sub(NAMED);
+    many.truncate(NAMED);
+    let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
+    many.join(", ") + &rest
 }
 
 fn distinct(entries: &[SuiteEntry]) -> Result<()> {
@@ -516,7 +528,9 @@ mod tests {
         let other_seed = problem(&format!("seeds = [1]\n{stage_1}{stage_2}seeds = [2]\n"));
         assert!(other_seed.contains("is called stage-1-2"), "{other_seed}");
         let other = problem(&format!("seeds = [1]\n{stage_1}{stage_2}config.network.hidden = 256\n"));
-        assert!(other.contains("stage-1-1 trains another network: network.hidden is 256, there 512"), "{other}");
+        assert!(other.ends_with("stage-1-1 trains another network: give both runs the same network.hidden"), "{other}");
+        let gym = problem(&format!("seeds = [1]\n{stage_1}[[runs]]\npreset = \"gym\"\nfrom = \"stage-1\"\n"));
+        assert!(gym.contains(" more") && gym.len() < 200, "{gym}");
     }
 
     #[test]
@@ -537,7 +551,7 @@ mod tests {
         assert!(problem("").contains("runs"));
         let objects = "[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n";
         let targets = problem(&format!("seeds = [1]\n{objects}[[runs]]\npreset = \"point-nav-demo\"\n"));
-        let expected = "number 1: objects: an episode of the task `point_nav` (point-nav-demo-1) has no target";
+        let expected = "number 1: leave out `objects`: an episode of point-nav-demo-1 has no target";
         assert!(targets.contains(expected), "{targets}");
         assert!(problem("runs = []").contains("at least one"));
         assert!(problem("runs = []\nsedes = [1]\n").ends_with("(did you mean `seeds`?)"));

@@ -11,7 +11,7 @@
 //!   report/           the report
 //! ```
 
-use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry};
+use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry, some_of};
 use crate::report_builder::files::PAGE;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::identity::is_evaluation;
@@ -38,7 +38,6 @@ const LOCK: &str = "suite.lock";
 const FILE: &str = "suite.toml";
 const PID_BYTES: u64 = 20;
 const STATE: &str = "suite.json";
-const RUNS_NAMED: usize = 4;
 const LOOKED_AT: Duration = Duration::from_millis(500);
 
 /// A file of this name alone may be a user's own, beside `runs/`: the lock is there before ours, and a copy has the state.
@@ -52,16 +51,11 @@ pub fn refuse(folder: &Path) -> Result<()> {
     if !is_suite(folder) {
         return Ok(());
     }
-    let (root, file, out) = (folder.display(), quoted(folder.join(FILE)), quoted(folder));
     let runs = std::fs::read_dir(folder.join("runs")).into_iter().flatten().flatten().map(|run| run.path());
-    let mut runs: Vec<String> = runs.map(quoted).collect();
-    runs.sort();
-    let more = runs.len().saturating_sub(RUNS_NAMED);
-    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-    let runs = if runs.is_empty() { "none yet".to_owned() } else { runs[..runs.len().min(RUNS_NAMED)].join(", ") };
+    let first = runs.min().map_or_else(|| "none yet".to_owned(), |run| format!("such as {}", quoted(run)));
+    let (root, quoted) = (folder.display(), quoted(folder));
     reject!(
-        "{root} is the folder of a suite: give one of its runs ({runs}{more}); `orchestrator status {out}` shows them all, \
-         `orchestrator suite {file} --out {out}` goes on with it, and `orchestrator stop {out}` stops it while it runs"
+        "{root} is the folder of a suite: give one of its runs ({first}; `orchestrator status {quoted}` lists them)"
     )
 }
 
@@ -188,10 +182,9 @@ impl SuiteFolder {
             changed.extend(scenes::changes(&entry.config, &begun, &run)?);
             if !changed.is_empty() || begun.seed != entry.config.seed {
                 bail!(
-                    "{} was begun with another configuration ({}): give the changed run another `name`, or the suite \
-                     another folder with --out",
+                    "{} was begun with another configuration ({}): give it another `name`, or the suite another --out",
                     self.run(entry).root().display(),
-                    changed.join("; ")
+                    some_of(changed)
                 );
             }
         }
@@ -331,10 +324,10 @@ mod tests {
         let refused = refuse(&folder.root).unwrap_err().to_string();
         let root = folder.root.display();
         assert!(
-            refused.starts_with(&format!("{root} is the folder of a suite: give one of its runs (none yet)")),
+            refused.starts_with(&format!("{root} is the folder of a suite: give one of its runs (none yet; ")),
             "{refused}"
         );
-        assert!(refused.contains(&format!("`orchestrator suite {root}/suite.toml --out {root}`")), "{refused}");
+        assert!(refused.contains(&format!("`orchestrator status {root}`")), "{refused}");
         assert!(folder.open(&suite, TEXT).unwrap_err().to_string().contains("already in use"));
         drop(lock);
         assert_eq!(folder.worker().unwrap(), None);

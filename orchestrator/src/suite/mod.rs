@@ -16,4 +16,4 @@ pub use figures::results;
 pub use file::{Asked, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, is_suite, refuse};
 pub use scheduler::{SuiteOutcome, run, standings};
-pub use standing::Standing;
+pub use standing::{Standing, begun};

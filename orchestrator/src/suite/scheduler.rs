@@ -4,6 +4,7 @@ use super::folder::{Next, Step, SuiteFolder};
 use super::state::{RunStatus, State, Status};
 use crate::evaluation::choice::word;
 use crate::output::log_line::error_in;
+use crate::output::table::cell;
 use crate::output::terminal;
 use crate::run::lifeline::this_program;
 use crate::supervisor::shell::{hang_up_signal, next};
@@ -29,6 +30,7 @@ const HELD_PATIENCE: Duration = Duration::from_mins(15);
 const LINE_EVERY: Duration = Duration::from_secs(20);
 const REFRESH_EVERY: Duration = Duration::from_secs(2);
 const LAST_WORDS_BYTES: u64 = 8192;
+const REASON_MAX: usize = 150;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SuiteOutcome {
@@ -170,20 +172,21 @@ impl Scheduler<'_> {
             let figures = progress(self.suite, self.folder, entry, &worker.step);
             terminal::note(&format!("{}: {figures}", entry.name));
         }
+        self.state.of(&entry.name).status = status.clone();
         match &status {
             Status::Waiting => {}
             Status::Failed { reason } => terminal::note(&format!(
-                "{} failed: {reason} (all it said: {})",
+                "{} failed: {} (all it said: {})",
                 entry.name,
+                cell(reason, REASON_MAX),
                 self.folder.log(entry).display()
             )),
             other => {
-                let settled = self.settled.iter().filter(|settled| **settled).count();
-                let how = other.text();
-                terminal::note(&format!("{} {how} ({settled} of {} runs)", entry.name, self.settled.len()));
+                let done = self.state.runs.values().filter(|run| run.status == Status::Done).count();
+                let (how, all) = (other.word(), self.settled.len());
+                terminal::note(&format!("{} {how} ({done} of {all} runs done)", entry.name));
             }
         }
-        self.state.of(&entry.name).status = status;
         self.write()
     }
 

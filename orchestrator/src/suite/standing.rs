@@ -9,6 +9,12 @@ use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// The folders of a suite's runs that have begun.
+pub fn begun(root: &Path) -> Result<Vec<PathBuf>> {
+    let runs = Standing::read(root)?.each().into_iter().map(|(run, _)| run);
+    Ok(runs.filter(|run| RunFolder::new(run).identity().exists()).collect())
+}
+
 pub struct Standing {
     folder: RunFolder,
     name: String,
@@ -66,9 +72,10 @@ impl Standing {
         runs
     }
 
-    /// What each run is at: `tiny-2 done, tiny-1 training`.
-    pub fn each(&self) -> String {
-        self.text_of(&self.in_order())
+    /// The folder of each run, in the order of the suite's file, and what it is at.
+    pub fn each(&self) -> Vec<(PathBuf, String)> {
+        let runs = self.folder.root().join("runs");
+        self.in_order().into_iter().map(|(name, status)| (runs.join(name), self.text(status))).collect()
     }
 
     fn text_of(&self, runs: &[(&String, &Status)]) -> String {
@@ -117,7 +124,13 @@ mod tests {
         let standing = Standing::read(&root).unwrap();
         assert_eq!(standing.summary(), "suite small: 1 of 2 runs done, 1 evaluating");
         let each = "tiny-2 done, tiny-1 evaluating (suite-test-novel-2)";
-        assert_eq!(standing.each(), each);
+        let runs = ["tiny-2", "tiny-1"].map(|name| root.join("runs").join(name));
+        let evaluating = "evaluating (suite-test-novel-2)";
+        assert_eq!(standing.each(), [(runs[0].clone(), "done".to_owned()), (runs[1].clone(), evaluating.to_owned())]);
+        assert_eq!(begun(&root).unwrap(), [""; 0].map(PathBuf::from));
+        std::fs::create_dir_all(&runs[1]).unwrap();
+        std::fs::write(RunFolder::new(&runs[1]).identity(), "").unwrap();
+        assert_eq!(begun(&root).unwrap(), runs[1..]);
         let at = |path: &str| {
             let lines = standing.around(&root.join(path));
             lines.strip_suffix(&format!("\n{each}")).map(str::to_owned).unwrap()

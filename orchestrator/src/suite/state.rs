@@ -28,14 +28,22 @@ pub enum Status {
 }
 
 impl Status {
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Training => "training",
+            Self::Evaluating { .. } => "evaluating",
+            Self::Stopped => "stopped",
+            Self::Done => "done",
+            Self::Failed { .. } => "failed",
+        }
+    }
+
     pub fn text(&self) -> String {
         match self {
-            Self::Waiting => "waiting".into(),
-            Self::Training => "training".into(),
             Self::Evaluating { evaluation } => format!("evaluating ({evaluation})"),
-            Self::Stopped => "stopped".into(),
-            Self::Done => "done".into(),
             Self::Failed { reason } => format!("failed: {reason}"),
+            other => other.word().into(),
         }
     }
 }

@@ -12,6 +12,7 @@ use super::process::{Launch, Processes};
 use super::remote_hosts::{FromHost, HostReport, Order, RemoteHosts};
 use super::stage_machine::StageSwitch;
 use crate::output::events::tell;
+use crate::output::format;
 use crate::run::scale::ScaleRequest;
 use anyhow::{Context, Result};
 use proto::config::Config;
@@ -408,7 +409,7 @@ impl<A: Audience> Supervision<'_, A> {
         tracing::info!(
             "stage {} ({}) is in force from {} frames, rollout {}",
             stage.name,
-            stage.reward,
+            format::reward(&stage.reward),
             switch.frames,
             switch.rollout
         );

@@ -192,7 +192,8 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
     let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
     let stage = recent.stage.and_then(|stage| stages.get(stage));
-    let stage = stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, stage.reward));
+    let stage =
+        stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, format::reward(&stage.reward)));
     let mut parts = vec![format!("{stage}{frames} / {budget} frames  {percent:.1}%")];
     if let Some(rate) = recent.frames_per_s {
         parts.push(format!(

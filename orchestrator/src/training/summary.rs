@@ -1,6 +1,7 @@
 //! The end of a run: `summary.json` and what is printed. Its last two lines are for scripts: `weights: ` and 64 hex
 //! digits, `frames: ` and a count; a run that failed has neither.
 
+use crate::output::table::{is_wider, right_aligned};
 use crate::output::{format, terminal};
 use crate::run::damaged;
 use crate::run::identity::Identity;
@@ -208,7 +209,7 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
         let late = &stage.last_tenth;
         let of_engine = [
             stage.name.clone(),
-            stage.reward.clone(),
+            format::reward(&stage.reward).to_owned(),
             format::count(stage.frames),
             format::count(stage.whole.episodes),
             format!("{} -> {}", format::number(stage.first_tenth.mean_return, 2), format::number(late.mean_return, 2)),
@@ -217,8 +218,7 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
         rows.push(of_engine.into_iter().chain(of_task).collect());
     }
     let mut lines = right_aligned(&rows, 2);
-    let is_too_wide = |most| lines[0].chars().count() > most;
-    if terminal::width().is_some_and(is_too_wide) {
+    if terminal::width().is_some_and(|most| is_wider(&lines, most)) {
         lines = right_aligned(&transposed(&rows), 1);
     }
     let means = "means over the newest tenth of each stage; return: first tenth -> newest tenth";
@@ -231,16 +231,6 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     let whole = stages.iter().filter(is_whole);
     lines.extend(whole.map(|stage| format!("stage {}: means over all of its episodes", stage.name)));
     lines
-}
-
-/// All columns but the first `left` end below each other.
-fn right_aligned(rows: &[Vec<String>], left: usize) -> Vec<String> {
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let align = |(column, cell): (usize, &String)| {
-        let padding = " ".repeat(width(column) - cell.chars().count());
-        if column < left { format!("{cell}{padding}") } else { format!("{padding}{cell}") }
-    };
-    rows.iter().map(|row| row.iter().enumerate().map(align).collect::<Vec<_>>().join("  ")).collect()
 }
 
 fn transposed(rows: &[Vec<String>]) -> Vec<Vec<String>> {

@@ -161,8 +161,9 @@ fn progress(live: &Live) -> Gauge<'static> {
     let what = if evaluation { "episodes" } else { "frames" };
     let ratio = (done as f64 / budget.max(1) as f64).clamp(0.0, 1.0);
     let stage = live.stage.and_then(|stage| live.stages.get(stage)).filter(|_| !evaluation);
-    let stage =
-        stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", printable(&stage.name), stage.reward));
+    let stage = stage.map_or_else(String::new, |stage| {
+        format!("stage {} ({})  ", printable(&stage.name), format::reward(&stage.reward))
+    });
     let left = left_s.filter(|_| done < budget).and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
     let left = left.map_or_else(String::new, |left| format!("  {} left", format::duration(left)));
     let (done, budget) = (format::count(done), format::count(budget));

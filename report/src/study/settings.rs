@@ -1,4 +1,4 @@
-use crate::format::count;
+use crate::format::{count, reward};
 use proto::config::{self, Config, Difference, Lists, StageConfig};
 use toml::{Table, Value};
 
@@ -46,6 +46,6 @@ fn from_text(config: &Config) -> String {
 }
 
 fn stages_text(config: &Config) -> String {
-    let text = |stage: &StageConfig| format!("{} {}", stage.reward, count(stage.frames));
+    let text = |stage: &StageConfig| format!("{} {}", reward(&stage.reward), count(stage.frames));
     format!("stages: {} frames", config.stages.iter().map(text).collect::<Vec<_>>().join(", then "))
 }

@@ -113,10 +113,13 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let done = state(&workshop);
     let listed = complete(workshop.orchestrator(&["status", "all"])).good();
     assert!(listed.stdout.starts_with("suite all: 3 of 3 runs done\n"), "{listed:#?}");
-    assert!(listed.stdout.contains("all/runs/tiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
+    assert!(listed.stdout.contains("\ntiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
+    assert!(listed.stdout.contains("\n  suite-test-novel-6  ") && listed.stdout.contains("all/runs\n"), "{listed:#?}");
+    let compared = complete(workshop.orchestrator(&["compare", "all", "--json"])).json();
+    assert_eq!(compared["runs"], serde_json::json!(["all/runs/tiny-5", "all/runs/tiny-6", "all/runs/after-5"]));
     for command in ["replay", "eval", "resume", "stop", "logs", "play"] {
         let printed = complete(workshop.orchestrator(&[command, "all"]));
-        printed.refused("all is the folder of a suite: give one of its runs (all/runs/after-5, all/runs/tiny-5, ");
+        printed.refused("all is the folder of a suite: give one of its runs (such as all/runs/after-5; ");
         assert_eq!(printed.status, Some(2), "{command}");
     }
     // One of its runs would be shown.

@@ -88,6 +88,11 @@ fn logs_are_followed_and_runs_are_compared() {
     assert_eq!(workshop.call(&["list", ".", "--json"]).json().as_array().map(Vec::len), Some(2));
     let report = workshop.call(&["report", "one", "two", "--json"]).json();
     assert_eq!(report, workshop.json("runs/report/report.json"));
+
+    // Where an evaluation of a policy file stands.
+    std::fs::create_dir(workshop.path("evaluations")).expect("a folder");
+    std::fs::rename(workshop.path("two"), workshop.path("evaluations/two")).expect("a move");
+    assert_eq!(workshop.call(&["list", "--json"]).json()[0]["folder"], "evaluations/two");
 }
 
 #[test]

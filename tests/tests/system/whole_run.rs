@@ -52,6 +52,10 @@ fn the_demonstration_ends_with_a_test_that_its_report_shows() {
     assert!(printed.stderr.contains("30 episodes"), "{printed:#?}");
     let report = workshop.call(&["report", "demo"]);
     assert!(report.stdout.contains("groups evaluated: 1"), "{report:#?}");
+    assert!(
+        report.stdout.starts_with("demo  test, novel objects, drawn episodes  1 seed  30 episodes  SR "),
+        "{report:#?}"
+    );
     let page = std::fs::read_to_string(workshop.path("demo/report/report.html")).unwrap();
     assert!(page.contains("data:image/png;base64,"), "its best episode, in pictures");
 }
