@@ -1,5 +1,6 @@
 use crate::output::table::fitted;
 use crate::output::{format, terminal};
+use crate::run::identity::no_folder;
 use crate::viewer::RunReaders;
 use crate::wrong::demand;
 use anyhow::Result;
@@ -26,6 +27,7 @@ pub struct ListArgs {
 pub fn run(args: &ListArgs) -> Result<()> {
     let unused = args.folders == [PathBuf::from(RUNS)] && !args.folders[0].exists();
     for folder in args.folders.iter().filter(|_| !unused) {
+        demand!(!folder.is_file(), "{}", no_folder(folder));
         demand!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
     }
     show(if unused { &[] } else { &args.folders }, args.json)
