@@ -61,7 +61,7 @@ pub(super) fn explained(key: &str, text: &str, problem: String) -> String {
         return format!("{without_found}{colon}write {}", quoted(format!("{key}={value}")));
     }
     let parts = parts_of(bare);
-    if parts.len() > 1 && parts.iter().all(|part| fits(part)) {
+    if parts.len() > 1 && !bare.starts_with('[') && parts.iter().all(|part| fits(part)) {
         return "one value goes here, not several: `orchestrator suite` trains with each (docs/report.md)".to_owned();
     }
     if first == "stages" && (is_of_list || problem.starts_with("missing key")) {
