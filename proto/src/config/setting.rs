@@ -258,37 +258,8 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
-        assert_eq!(problem("ppo.lerning_rate=1"), "unknown key `lerning_rate` (did you mean `learning_rate`?)");
-        assert_eq!(problem("ppoo.epochs=1"), "unknown key `ppoo` (did you mean `ppo`?)");
-        assert_eq!(problem("device=cuda"), "unknown key `device` (did you mean `learner.device`?)");
-        assert_eq!(
-            problem("learning_rate=1e-3"),
-            "unknown key `learning_rate` (did you mean `ppo.learning_rate` or `reward.lagrangian.learning_rate`?)"
-        );
+    fn what_to_write_instead_is_said() {
         for (text, expected) in [
-            ("ppo.epochs=four", "expected a whole number, found \"four\" (must be 1 to 64)"),
-            ("ppo.epochs=-1", "expected a whole number, found `-1` (must be 1 to 64)"),
-            ("ppo.epochs=1.5", "expected a whole number, found `1.5` (must be 1 to 64)"),
-            ("ppo.clip=fast", "expected a number, found \"fast\" (must be greater than 0)"),
-            ("ppo.overlap=3", "expected true or false, found `3`"),
-            ("scenes=3", "expected a list: write 'scenes=[\"3\"]'"),
-            (
-                "stages.0.frames=10",
-                "expected a list: a stage has name, reward and frames, as in 'stages=[{ name = \"I\", reward = \"r\", \
-                 frames = 1000000 }]'; `--frames` scales all stages",
-            ),
-            ("scenes.0=a.toml", "expected a list, found a table: a list is set whole, as in 'scenes=[...]'"),
-            (
-                "auxiliary.task=disturbance",
-                "unknown value `disturbance`, expected one of `none`, `disturb`, `inverse_dynamics`, `cpca16` (did you \
-                 mean `disturb`?)",
-            ),
-            ("ppo.epochs=[1]", "expected a whole number, found a list (must be 1 to 64)"),
-            (
-                "learner.device=gpu0",
-                "unknown value `gpu0`, expected one of `auto`, `cpu`, `cuda` (did you mean `cuda`?)",
-            ),
             ("ppo.clip=0,2", "write ppo.clip=0.2"),
             ("ppo.clip=.2", "expected a number: write ppo.clip=0.2"),
             ("ppo.clip=1/5", "expected a number: write ppo.clip=0.2"),
@@ -340,6 +311,43 @@ mod tests {
                  frames = 1000000 }]'; `--frames` scales all stages",
             ),
             ("network.memory=false", "unknown value `false`, expected one of `gru`, `lstm`, `none`"),
+        ] {
+            assert_eq!(problem(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn mistakes_are_named() {
+        assert_eq!(problem("ppo.lerning_rate=1"), "unknown key `lerning_rate` (did you mean `learning_rate`?)");
+        assert_eq!(problem("ppoo.epochs=1"), "unknown key `ppoo` (did you mean `ppo`?)");
+        assert_eq!(problem("device=cuda"), "unknown key `device` (did you mean `learner.device`?)");
+        assert_eq!(
+            problem("learning_rate=1e-3"),
+            "unknown key `learning_rate` (did you mean `ppo.learning_rate` or `reward.lagrangian.learning_rate`?)"
+        );
+        for (text, expected) in [
+            ("ppo.epochs=four", "expected a whole number, found \"four\" (must be 1 to 64)"),
+            ("ppo.epochs=-1", "expected a whole number, found `-1` (must be 1 to 64)"),
+            ("ppo.epochs=1.5", "expected a whole number, found `1.5` (must be 1 to 64)"),
+            ("ppo.clip=fast", "expected a number, found \"fast\" (must be greater than 0)"),
+            ("ppo.overlap=3", "expected true or false, found `3`"),
+            ("scenes=3", "expected a list: write 'scenes=[\"3\"]'"),
+            (
+                "stages.0.frames=10",
+                "expected a list: a stage has name, reward and frames, as in 'stages=[{ name = \"I\", reward = \"r\", \
+                 frames = 1000000 }]'; `--frames` scales all stages",
+            ),
+            ("scenes.0=a.toml", "expected a list, found a table: a list is set whole, as in 'scenes=[...]'"),
+            (
+                "auxiliary.task=disturbance",
+                "unknown value `disturbance`, expected one of `none`, `disturb`, `inverse_dynamics`, `cpca16` (did you \
+                 mean `disturb`?)",
+            ),
+            ("ppo.epochs=[1]", "expected a whole number, found a list (must be 1 to 64)"),
+            (
+                "learner.device=gpu0",
+                "unknown value `gpu0`, expected one of `auto`, `cpu`, `cuda` (did you mean `cuda`?)",
+            ),
             ("learner.device=gpu", "unknown value `gpu`, expected one of `auto`, `cpu`, `cuda` (did you mean `cuda`?)"),
             ("learner.device=x", "unknown value `x`, expected one of `auto`, `cpu`, `cuda`"),
         ] {
