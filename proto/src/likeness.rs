@@ -18,7 +18,7 @@ pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
 /// `recipe-procedural`.
 fn few_edits(a: &str, b: &str) -> bool {
     let [a, b] = [a, b].map(str::to_lowercase);
-    a.starts_with(&b) || b.starts_with(&a) || strsim::normalized_damerau_levenshtein(&a, &b) >= 0.5
+    a.starts_with(&b) || b.starts_with(&a) || strsim::normalized_damerau_levenshtein(&a, &b) > 0.5
 }
 
 /// The end of a message about a name that is not there.

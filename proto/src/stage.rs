@@ -125,7 +125,9 @@ pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<
 
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BudgetError {
-    #[error("--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back")]
+    #[error(
+        "--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back: give more"
+    )]
     Trained { total: u64, trained: u64 },
     #[error(
         "--frames {total}: stage {stage} would have ended at {end} frames, and the run has trained {trained}, all in \

@@ -1,5 +1,5 @@
 use crate::output::format::counted;
-use crate::run::identity::perhaps;
+use crate::run::identity::{no_folder, perhaps};
 use crate::suite;
 use crate::training::summary::Summary;
 use crate::wrong::demand;
@@ -56,6 +56,7 @@ impl Choice {
         let mut files = Vec::new();
         for path in paths {
             demand!(path.exists(), "{} does not exist{}", path.display(), perhaps(path));
+            demand_recording(path)?;
             suite::refuse(path)?;
             files.extend(recordings_at(path)?);
         }
@@ -143,6 +144,15 @@ fn tell_what_is_missing(recorded: &Recorded, paths: &[PathBuf], all: bool) -> Re
         }
     }
     Ok(incomplete)
+}
+
+/// Refuses files that are something else.
+pub fn demand_recording(path: &Path) -> Result<()> {
+    let others = ["safetensors", "onnx", "py", "toml", "csv", "json", "jsonl", "npz"];
+    let ending = path.extension().and_then(|ending| ending.to_str());
+    let is_other = path.is_file() && ending.is_some_and(|ending| others.contains(&ending));
+    demand!(!is_other, "{}", no_folder(path));
+    Ok(())
 }
 
 /// The recordings of a path; the error for an evaluation without any explains how to get them.

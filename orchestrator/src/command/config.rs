@@ -1,7 +1,7 @@
 use super::overrides::{Overrides, default_preset};
 use crate::output::terminal;
 use crate::preflight::programs::Tools;
-use crate::run::identity::perhaps;
+use crate::run::identity::{Identity, perhaps};
 use crate::wrong::{demand, demand_folder, reject};
 use anyhow::{Context, Result};
 use proto::config::Config;
@@ -41,9 +41,16 @@ pub struct ConfigArgs {
 pub fn run(args: &ConfigArgs) -> Result<()> {
     let config = match &args.of {
         Some(run) if !run.exists() => reject!("{} does not exist{}", run.display(), perhaps(run)),
-        Some(run) => Config::saved_under(&RunFolder::new(run)).with_context(|| {
-            format!("{} has no checkpoint that holds a configuration which this version reads", run.display())
-        })?,
+        Some(run) => {
+            let folder = RunFolder::new(run);
+            let saved = Config::saved_under(&folder);
+            if saved.is_none() {
+                Identity::read(&folder)?;
+            }
+            saved.with_context(|| {
+                format!("{} has no checkpoint that holds a configuration which this version reads", run.display())
+            })?
+        }
         None => configured(args)?,
     };
     match &args.out {

@@ -108,7 +108,8 @@ impl EnvironmentFlags {
             command.extend(["--path".to_owned(), absolute(Path::new("."))?]);
         }
         if let Some(kwargs) = &self.env_kwargs {
-            let table: serde_json::Value = judged(serde_json::from_str(kwargs).context("--env-kwargs is no JSON"))?;
+            let table: serde_json::Value =
+                judged(serde_json::from_str(kwargs).context("--env-kwargs is no JSON, such as '{\"size\": 5}'"))?;
             demand!(table.is_object(), "--env-kwargs is {table}, not an object such as {{\"size\": 5}}");
             command.extend(["--kwargs".to_owned(), table.to_string()]);
         }

@@ -175,6 +175,8 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     }
     let _shown = args.shown.begin(args.out.as_deref())?;
     if let Some(out) = &args.out {
+        let is_file = out.extension().is_some_and(|ending| ending == "json" || ending == "csv");
+        demand!(!is_file, "--out {0} is to be a folder; `--json > {0}` writes the result into a file", out.display());
         check_free(&RunFolder::new(out))?;
     }
     let (mut run, provenance, checkpoint) = subject(args)?;

@@ -58,6 +58,11 @@ pub struct ImportArgs {
 pub fn run(args: &ImportArgs) -> Result<()> {
     let folder = RunFolder::new(&args.run);
     demand!(args.from.exists(), "{} does not exist", args.from.display());
+    demand!(
+        !args.from.is_dir(),
+        "{} is a folder: give a file of weights; `orchestrator up --from RUN` begins with a run's",
+        args.from.display()
+    );
     check_free(&folder)?;
     let named = named_preset(&args.from)?;
     let mut defaulted = false;

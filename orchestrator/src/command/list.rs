@@ -1,5 +1,6 @@
 use crate::output::table::below_paths;
 use crate::output::{format, terminal};
+use crate::run::identity::no_folder;
 use crate::viewer::RunReaders;
 use crate::wrong::demand;
 use anyhow::Result;
@@ -28,6 +29,7 @@ pub struct ListArgs {
 
 pub fn run(args: &ListArgs) -> Result<()> {
     for folder in &args.folders {
+        demand!(!folder.is_file(), "{}", no_folder(folder));
         demand!(folder.is_dir(), "{} is not a folder: give one that holds runs", folder.display());
     }
     let usual = || [RUNS, EVALUATIONS].map(PathBuf::from).into_iter().filter(|folder| folder.exists()).collect();

@@ -1,9 +1,9 @@
-use crate::command::choice::{Choice, Chosen, nothing_in};
+use crate::command::choice::{Choice, Chosen, demand_recording, nothing_in};
 use crate::output::terminal;
 use crate::replay::ffmpeg;
 use crate::replay::newest::{Only, newest};
 use crate::replay::simulate::{Totals, simulate};
-use crate::run::identity::perhaps;
+use crate::run::identity::{Identity, perhaps};
 use crate::suite;
 use crate::wrong::demand;
 use anyhow::{Context, Result, bail, ensure};
@@ -173,10 +173,14 @@ impl ReplayArgs {
         let mut shares: Vec<Share> = Vec::new();
         for path in &self.paths {
             demand!(path.exists(), "{} does not exist{}", path.display(), perhaps(path));
+            demand_recording(path)?;
             suite::refuse(path)?;
             let folder = run_of(path).with_context(|| {
                 format!("{} lies in no run folder: choose with --episode, or --check it", path.display())
             })?;
+            if path.is_dir() {
+                Identity::read(&folder)?;
+            }
             let count = self.newest.map(usize::from);
             for (setup, episode) in newest(&folder, self.choice.kitchen(), self.only, count)? {
                 match shares.iter_mut().find(|(known, _)| *known == setup) {

@@ -3,6 +3,7 @@ use crate::output::table::below_paths;
 use crate::output::terminal;
 use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, write};
 use crate::report_builder::gather::gather;
+use crate::run::identity::no_folder;
 use crate::wrong::{demand, judged};
 use anyhow::Result;
 use report::Options;
@@ -32,7 +33,7 @@ pub struct ReportArgs {
     out: Option<PathBuf>,
     /// Limit of the task's first curve, such as success within a displacement, metres; repeat it for each point [default:
     /// those that the task declares]
-    #[arg(long = "threshold", value_name = "LIMIT")]
+    #[arg(long = "threshold", value_name = "LIMIT", value_parser = limit)]
     thresholds: Vec<f32>,
     /// The paper's main tables over many reports: adds the scores of these runs to FILE, which keeps those of earlier ones
     /// (kilobytes), and prints the tables of all in Markdown; without RUN it only prints
@@ -47,6 +48,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     if let (Some(table), []) = (&args.table, args.runs.as_slice()) {
         terminal::out(judged(read_table(table))?.markdown()?.trim_end());
         return Ok(());
+    }
+    for run in &args.runs {
+        demand!(!run.is_file(), "{}", no_folder(run));
     }
     let out = args.out.clone().unwrap_or_else(|| default_folder(&args.runs));
     let is_file = out.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"));
@@ -86,6 +90,11 @@ fn default_folder(runs: &[PathBuf]) -> PathBuf {
     }
 }
 
+fn limit(text: &str) -> Result<f32, String> {
+    let remedy = "expected a number without its unit (metres), and each by itself: --threshold 0.01 --threshold 0.05";
+    text.parse().map_err(|_| remedy.to_owned())
+}
+
 fn options(thresholds: &[f32]) -> Result<Options> {
     if thresholds.is_empty() {
         return Ok(Options::default());
@@ -115,6 +124,7 @@ mod tests {
     fn thresholds_are_positive_and_in_order() {
         assert_eq!(options(&[0.1, 0.01, 0.1]).unwrap().limits, Some(vec![0.01, 0.1]));
         assert_eq!(options(&[]).unwrap(), Options::default());
+        assert!(limit("1cm").unwrap_err().contains("without its unit") && limit("0.01") == Ok(0.01));
         for wrong in [0.0, -1.0, f32::NAN] {
             assert!(options(&[wrong]).unwrap_err().to_string().contains("--threshold"));
         }

@@ -243,6 +243,9 @@ fn check_gpus(gpus: &[String]) -> Result<()> {
     for (index, gpu) in gpus.iter().enumerate() {
         ensure!(!gpu.trim().is_empty(), "--gpus: an empty name in the list");
         ensure!(!gpus[..index].contains(gpu), "--gpus: {gpu} is given twice");
+        let is_name = gpu.bytes().all(|letter| letter.is_ascii_digit())
+            || ["GPU-", "MIG-"].iter().any(|start| gpu.starts_with(start));
+        ensure!(is_name, "--gpus {gpu}: give numbers or UUIDs, as in --gpus 0,1; `nvidia-smi -L` lists them");
     }
     Ok(())
 }
@@ -296,6 +299,7 @@ mod tests {
         let list = |text: &str| text.split(',').map(str::to_owned).collect::<Vec<_>>();
         check_gpus(&list("0,1,GPU-8f2c")).unwrap();
         check_gpus(&[]).unwrap();
+        assert!(check_gpus(&list("all")).unwrap_err().to_string().contains("--gpus 0,1"));
         assert!(check_gpus(&list("0,1,0")).unwrap_err().to_string().contains("twice"));
         assert!(check_gpus(&list("0,")).unwrap_err().to_string().contains("empty"));
     }

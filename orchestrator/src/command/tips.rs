@@ -9,13 +9,32 @@ use proto::likeness::{likeness, nearest};
 use proto::shell::quoted;
 use view::data::Runs;
 
-/// What the standard library says of a word in a number's place.
-const NO_NUMBER: &str = "invalid digit found in string";
+/// What the standard library says of a word in a number's place, and what we say.
+const NO_NUMBERS: [(&str, &str); 2] =
+    [("invalid digit found in string", "expected a whole number"), ("invalid float literal", "expected a number")];
+
+const ALL_KEYS: &str = "`orchestrator config` prints all keys";
+
+/// What is missing, by command.
+const MISSING: [(&str, &str); 8] = [
+    (
+        "export",
+        "`orchestrator export RUN --out policy.onnx` writes a model for onnxruntime, `--out policy.safetensors` a policy \
+         file, `--format npz --out FOLDER` episodes as arrays",
+    ),
+    ("scale", "`orchestrator scale RUN --actors 8` gives a run eight actors"),
+    ("compare", "give two runs or more, as in `orchestrator compare runs/a runs/b`"),
+    ("suite", "give its file, such as suites/two-seeds.toml; `orchestrator suite --help` shows one"),
+    ("import", "`orchestrator import FILE --run runs/NEW` makes the run runs/NEW"),
+    ("recover", "give a recording, a file in RUN/recordings"),
+    ("allow", "give the folder of a run whose environment command you trust"),
+    ("completions", "give the shell, such as bash"),
+];
 
 const COMMANDS: [(&str, &[&str]); 14] = [
     ("up", &["train", "start", "run", "launch", "learn"]),
     ("eval", &["evaluate", "test", "enjoy", "validate"]),
-    ("view", &["ui", "dashboard", "watch"]),
+    ("view", &["ui", "dashboard", "watch", "serve"]),
     ("view` or `tensorboard --logdir RUN/tensorboard", &["tensorboard"]),
     ("stop", &["kill", "down", "cancel"]),
     ("resume", &["continue", "restart"]),
@@ -89,7 +108,9 @@ const OPTIONS: &[(&str, &str, &str)] = &[
     ("suite", "it is `--check`", "dry-run"),
     ("list", "the newest comes first, and `orchestrator list --json` gives all to sort", "sort"),
     ("logs", "it is `-n N`, the last lines", "tail lines"),
-    ("view", "it is `--listen IP`", "host bind address"),
+    ("view", "it is `--address IP`", "host bind listen"),
+    ("logs", "every line has its level: `orchestrator logs RUN | grep WARN`", "level log-level severity"),
+    ("compare", "it is of `orchestrator report`", "threshold out table"),
     ("replay", "it is `--images DIR`", "out output output-dir o"),
     ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
     ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps max-iterations"),
@@ -138,19 +159,18 @@ fn ours(command: &str, word: &str) -> Option<String> {
     })
 }
 
-/// A key of a table that was set as if it were one.
-fn key_of(table: &str, value: &str) -> Option<String> {
-    let all: toml::Table = toml::from_str(&Config::default().to_toml()).ok()?;
-    let (first, _) = all.get(table)?.as_table()?.iter().find(|(_, value)| !value.is_table())?;
-    Some(format!("`{table}` is a table of keys: set one of them, as in `{table}.{first}={value}`"))
-}
-
 /// The key of `--set KEY VALUE` before this value.
 fn set_before<'a>(words: &'a [String], value: &str) -> Option<&'a str> {
     words.windows(3).find_map(|three| match three {
         [set, key, next] if set == "--set" && !key.contains('=') && next == value => Some(key.as_str()),
         _ => None,
     })
+}
+
+/// The key of an option that is called as a key is: `--ppo.clip`.
+fn key_in(option: &str) -> Option<&str> {
+    let key = option.strip_prefix("--").filter(|key| key.contains('.'))?;
+    matches!(format!("{key}=0").parse::<Setting>(), Ok(_) | Err(SettingError::WrongType(_))).then_some(key)
 }
 
 /// The preset of a built-in task that was given as another program's `--task`.
@@ -195,6 +215,16 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
             let value = words[2].strip_prefix("--run=").or(words.get(3).map(String::as_str)).unwrap_or("RUN");
             Some(format!("the run comes without `--run`: `orchestrator {command} {}`", quoted(value)))
         }
+        word if command == "clean" && !word.starts_with('-') => Some(
+            "it takes no run: it frees the shared memory of all dead runs; `rm -r RUN` removes a run".to_owned(),
+        ),
+        "--env" | "--env-command" | "--env-kwargs" | "--env-declaration" if command == "doctor" => {
+            Some("`orchestrator up` tries an environment of your own before the run begins".to_owned())
+        }
+        word if word.contains('=') && words.iter().any(|word| word == "--set") && !word.starts_with('-') => {
+            Some(format!("each key has a `--set` of its own: `--set {word}`"))
+        }
+        word if key_in(word).is_some() => key_in(word).map(|key| format!("here it is `--set {key}=VALUE`")),
         word if command == "scale" && word.parse::<u32>().is_ok() => {
             Some(format!("their number is given as `--actors {word}`"))
         }
@@ -234,15 +264,17 @@ pub fn of_key(error: &anyhow::Error) -> String {
     if let Some(tip) = of_file {
         return tip;
     }
-    let key = wrong::causes(error).find_map(|cause| {
+    let unknown = wrong::causes(error).find_map(|cause| {
         match (cause.downcast_ref::<ConfigError>(), cause.downcast_ref::<SettingError>()) {
             (Some(ConfigError::UnknownKey { key, nearest: None, .. }), _)
             | (_, Some(SettingError::UnknownKey { key, nearest: None })) => Some(key.clone()),
             _ => None,
         }
     });
-    let ours = key.and_then(|key| ours("up", &key));
-    ours.map_or_else(String::new, |ours| format!("; {}", ours.replace("`--set ", "`")))
+    unknown.map_or_else(String::new, |key| {
+        let said = ours("up", &key).unwrap_or_else(|| ALL_KEYS.to_owned());
+        format!("; {}", said.replace("`--set ", "`"))
+    })
 }
 
 /// What an error of a command line says in this place.
@@ -283,22 +315,24 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
             if ["status", "stop", "resume", "eval", "report", "logs", "replay"].contains(&command) {
                 newest_run(command)
             } else {
-                None
+                MISSING.iter().find(|(of, _)| *of == command).map(|(_, tip)| (*tip).to_owned())
             }
         }
         ErrorKind::ArgumentConflict => Some("leave out one of the two".to_owned()),
-        ErrorKind::InvalidValue => text(ContextKind::InvalidValue).filter(|value| value == "gif").map(|_| {
-            "apng moves wherever a GIF does, and `ffmpeg -i FILM.mp4 FILM.gif` makes a GIF of a film".to_owned()
-        }),
+        ErrorKind::InvalidValue => match text(ContextKind::InvalidValue)?.as_str() {
+            "gif" => Some(
+                "apng moves wherever a GIF does, and `ffmpeg -i FILM.mp4 FILM.gif` makes a GIF of a film".to_owned(),
+            ),
+            "gpu" | "GPU" => Some("it is `cuda`".to_owned()),
+            _ => None,
+        },
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
-            let (key, value) = setting.split_once('=')?;
+            let (key, _) = setting.split_once('=')?;
             let (first, last) = (key.trim().split('.').next()?, key.trim().rsplit('.').next()?);
             // A value that is wrong is no key of another program.
-            let is_unknown = matches!(setting.parse::<Setting>(), Err(SettingError::UnknownKey { .. }));
-            is_unknown
-                .then(|| ours("up", last).or_else(|| ours("up", first)))
-                .flatten()
-                .or_else(|| key_of(key.trim(), value))
+            let Err(SettingError::UnknownKey { nearest, .. }) = setting.parse::<Setting>() else { return None };
+            let theirs = ours("up", last).or_else(|| ours("up", first));
+            theirs.or_else(|| nearest.is_none().then(|| ALL_KEYS.to_owned()))
         }),
         _ => None,
     }
@@ -324,6 +358,7 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
     }
     if let Some(tip) = tip {
         error.remove(ContextKind::SuggestedSubcommand);
+        error.remove(ContextKind::SuggestedValue);
         // The usage is of the argument that was suggested.
         if error.remove(ContextKind::SuggestedArg).is_some() {
             error.remove(ContextKind::Usage);
@@ -334,7 +369,7 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
     let readable = if said.contains("..=") {
         said.replace(" is not in ", " is outside ").replace("..=", " to ")
     } else {
-        said.replace(NO_NUMBER, "expected a whole number")
+        NO_NUMBERS.iter().fold(said.clone(), |said, (theirs, ours)| said.replace(theirs, ours))
     };
     if readable == said { error } else { clap::Error::raw(error.kind(), readable.trim_start_matches("error: ")) }
 }
@@ -371,7 +406,7 @@ mod tests {
             (&["eval", "--run=my run"], "tip: the run comes without `--run`: `orchestrator eval 'my run'`"),
             (&["up", "-p", "demo"], "tip: here it is `--preset NAME`"),
             (&["logs", "a", "--tail", "3"], "tip: here it is `-n N`, the last lines"),
-            (&["view", "--host", "a"], "tip: here it is `--listen IP`"),
+            (&["view", "--host", "a"], "tip: here it is `--address IP`"),
             (&["list", "--sort"], "tip: here the newest comes first"),
             (&["help", "upp"], "tip: did you mean `up`?"),
             (&["replay", "a", "--out", "b"], "tip: here it is `--images DIR`"),
@@ -431,7 +466,6 @@ mod tests {
             (&["up", "--capture-video"], "tip: here steps are recorded, and `orchestrator replay RUN` makes films"),
             (&["up", "--task", "Isaac-Lift"], "tip: here it is `--preset NAME`, or `--env gymnasium:ID`"),
             (&["up", "--envs_per_actor", "3"], "tip: a similar argument exists: '--envs-per-actor'"),
-            (&["up", "--set", "actors=4"], "tip: `actors` is a table of keys: set one of them, as in `actors.count=4`"),
         ] {
             let error = answer(words);
             assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
@@ -453,6 +487,39 @@ mod tests {
         ] {
             let error = answer(&words);
             assert!(error.contains(said) && !error.contains("tip:"), "{words:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_or_elsewhere_is_answered() {
+        for (words, tip) in [
+            (&["export", "runs/a"][..], "tip: `orchestrator export RUN --out policy.onnx` writes a model"),
+            (&["scale", "runs/a"], "tip: `orchestrator scale RUN --actors 8`"),
+            (&["eval", "a", "--device", "gpu"], "tip: it is `cuda`"),
+            (&["clean", "runs"], "tip: it takes no run"),
+            (&["doctor", "--env", "a"], "tip: `orchestrator up` tries an environment"),
+            (
+                &["up", "--set", "seed=1", "ppo.clip=0.2"],
+                "tip: each key has a `--set` of its own: `--set ppo.clip=0.2`",
+            ),
+            (&["up", "--ppo.clip=0.2"], "tip: here it is `--set ppo.clip=VALUE`"),
+            (&["up", "--set", "curriculum=none"], "tip: `orchestrator config` prints all keys"),
+            (&["logs", "a", "--level", "warn"], "tip: here every line has its level"),
+        ] {
+            let error = answer(words);
+            assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn an_option_that_a_tip_names_is_one_of_its_command() {
+        for (command, ours, _) in super::OPTIONS.iter().filter(|(command, ours, _)| {
+            ["view", "replay", "eval", "suite", "resume"].contains(command) && ours.starts_with("it is `--")
+        }) {
+            let option = ours.trim_start_matches("it is `--").split([' ', '`']).next().unwrap();
+            let line = command_line();
+            let of = line.find_subcommand(command).unwrap();
+            assert!(of.get_arguments().any(|argument| argument.get_long() == Some(option)), "{command}: {ours}");
         }
     }
 

@@ -227,7 +227,17 @@ pub(crate) fn viewer(program: &Path, folder: &RunFolder) -> std::process::Comman
 fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
     let differences = network_differences(&found.config, config)?;
     if !differences.is_empty() {
-        bail!("{} holds another network: {}", found.manifest.display(), differences.join("; "));
+        let (theirs, ours) = (&found.config.task, &config.task);
+        demand!(
+            theirs == ours,
+            "{} holds a network of the task {theirs}, which does not fit {ours}",
+            found.manifest.display()
+        );
+        bail!(
+            "{} holds another network: {}. Give this run the other's preset, or its [network] in a file for --config",
+            found.manifest.display(),
+            differences.join("; ")
+        );
     }
     let Manifest { frames, weights, .. } = read_manifest(&found.named, &found.manifest)?;
     let checkpoint = found.manifest.to_str().context("the checkpoint has a name that is not text")?.to_owned();

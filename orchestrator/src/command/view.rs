@@ -2,7 +2,7 @@ use super::player::Player;
 use crate::hosts::token::{draw, refuse_public};
 use crate::output::{name, terminal};
 use crate::preflight::programs;
-use crate::run::identity::host_name;
+use crate::run::identity::{host_name, no_folder};
 use crate::viewer::RunReaders;
 use crate::wrong::demand;
 use anyhow::{Context, Result, bail, ensure};
@@ -116,6 +116,7 @@ fn show(shown: Shown, page: &PageArgs, open: bool) -> Result<()> {
 fn readers(args: &ViewArgs) -> Result<(RunReaders, Vec<String>)> {
     let asked = if args.compare.is_empty() { &args.runs } else { &args.compare };
     for path in asked {
+        demand!(!path.is_file(), "{}", no_folder(path));
         demand!(path.is_dir(), "{} is not a folder: give the folder of a run, or one that holds runs", path.display());
     }
     if asked.is_empty() && !Path::new("runs").is_dir() {

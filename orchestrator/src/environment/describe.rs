@@ -52,7 +52,8 @@ pub fn demand_build(environment: &EnvironmentConfig) -> Result<()> {
         }
         Ok((_, errors)) => {
             bail!(
-                "`{}` serves no environments: it names no build; it says: {}",
+                "`{}` serves no environments: it must call stillroom.serve(make_env), or stillroom_serve of C \
+                 (docs/your-simulator.md); it says: {}",
                 shown(&environment.command),
                 last(&errors)
             )

@@ -38,7 +38,9 @@ impl Token {
             let mut bytes = Vec::new();
             let file = File::open(&path).and_then(|file| Ok((file.metadata()?, file)));
             let read = file.and_then(|(metadata, file)| file.take(LONGEST).read_to_end(&mut bytes).map(|_| metadata));
-            let metadata = read.with_context(|| format!("cannot read the token in {}", path.display()))?;
+            let metadata = read.with_context(|| {
+                format!("cannot read the token in {0} (`openssl rand -hex 32 > {0}` makes one)", path.display())
+            })?;
             refuse_public(&path, &metadata)?;
             return Self::new(&bytes).with_context(|| format!("the token in {}", path.display()));
         }

@@ -10,6 +10,7 @@ use proto::run_state::Ending;
 use proto::shell::quoted;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -145,9 +146,7 @@ impl Identity {
                 );
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
-                reject!(
-                    "{root} is a file: give the folder of a run, or that of an evaluation, which `orchestrator eval FILE` makes of a policy file"
-                );
+                reject!("{}", no_folder(folder.root()));
             }
             Err(error) => return Err(error).with_context(|| path.display().to_string()),
         };
@@ -293,6 +292,24 @@ fn holds_runs(folder: &Path) -> bool {
     entries.into_iter().any(|entry| RunFolder::new(entry.path()).identity().is_file())
 }
 
+/// What is said of a file where a folder is needed: also which command takes such a file.
+pub fn no_folder(path: &Path) -> String {
+    let file = quoted(path);
+    let taken = match path.extension().and_then(OsStr::to_str) {
+        Some("safetensors") => {
+            format!(". `orchestrator eval {file}` evaluates a policy file, `orchestrator play {file}` shows it at work")
+        }
+        Some("onnx") => ". An ONNX model is for other programs: give the run that it was exported from".to_owned(),
+        Some("py") => format!(". `orchestrator up --env {file}:make_env` trains in an environment of a Python file"),
+        Some("mcap") => format!(". `orchestrator replay {file}` takes a recording"),
+        Some("toml") => format!(
+            ". `orchestrator up --config {file}` takes a configuration, `orchestrator suite {file}` the file of a suite"
+        ),
+        _ => String::new(),
+    };
+    format!("{} is a file: give the folder of a run or an evaluation{taken}", path.display())
+}
+
 /// Which run is probably meant by a path that is not there: one of that name where runs are.
 pub fn perhaps(path: &Path) -> String {
     let there = Path::new("runs").join(path);
@@ -357,6 +374,15 @@ pub mod tests {
         std::fs::write(holds.path().join("policy.onnx"), "").unwrap();
         let told = Identity::read(&RunFolder::new(holds.path().join("policy.onnx"))).unwrap_err().to_string();
         assert!(told.contains("policy.onnx is a file: give the folder of a run"), "{told}");
+        for (name, taken) in [
+            ("a b.safetensors", "`orchestrator eval 'a b.safetensors'` evaluates"),
+            ("env.py", "`orchestrator up --env env.py:make_env`"),
+            ("x.mcap", "`orchestrator replay x.mcap`"),
+            ("x.toml", "`orchestrator suite x.toml`"),
+            ("x.csv", "the folder of a run or an evaluation"),
+        ] {
+            assert!(no_folder(Path::new(name)).contains(taken), "{name}");
+        }
         let identity = Identity { schema_version: SCHEMA_VERSION + 1, ..Identity::new().unwrap() };
         identity.write(&folder).unwrap();
         assert!(Identity::read(&folder).unwrap_err().to_string().contains("schema"));

@@ -8,9 +8,10 @@ use crate::output::format::counted;
 use crate::training::next_steps::without_stage_one;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
-use proto::config::{Config, check_settings, in_plain_words, overlay};
+use proto::config::{Config, check_settings, frames_in, in_plain_words, overlay};
 use proto::evaluation::has_targets;
 use proto::likeness::{nearest, suggestion};
+use proto::shell::quoted;
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -115,6 +116,15 @@ impl Suite {
             path.display()
         );
         ensure!(path.exists(), "cannot read suite {}: there is no such file", path.display());
+        let own = path.join("suite.toml");
+        ensure!(
+            !own.is_file(),
+            "{} is the folder of a suite: `orchestrator suite {} --out {}` goes on with it",
+            path.display(),
+            quoted(&own),
+            quoted(path)
+        );
+        ensure!(!path.is_dir(), "{} is a folder: name the file of a suite in it", path.display());
         let text = bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))?;
         let named = || path.display().to_string();
         let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
@@ -204,7 +214,33 @@ fn in_words(text: &str, error: &toml::de::Error) -> anyhow::Error {
     let number = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
     let line = text.lines().nth(number).unwrap_or_default().trim();
     let place = if line.is_empty() { String::new() } else { format!("line {}, `{line}`: ", number + 1) };
-    anyhow::anyhow!("{place}{problem}{}", suggestion(meant.as_deref()))
+    let remedy = if meant.is_some() { suggestion(meant.as_deref()) } else { remedy(line, &problem) };
+    anyhow::anyhow!("{place}{problem}{remedy}")
+}
+
+/// What to write in place of a line.
+fn remedy(line: &str, problem: &str) -> String {
+    let (key, value) = line.split_once('=').unwrap_or((line, ""));
+    let (key, value) = (key.trim().trim_matches(['[', ']']), value.trim().trim_matches('"'));
+    let is_shape =
+        ["expected a table", "expected a list", "missing key"].iter().any(|start| problem.starts_with(start));
+    let key = if problem == "missing key `runs`" { "runs" } else { key };
+    match key {
+        "runs" if is_shape => ": each run begins with a line [[runs]], and below it preset = \"demo\"".to_owned(),
+        "evaluations" if is_shape => {
+            ": each evaluation begins with a line [[evaluations]], and below it split = \"test\"".to_owned()
+        }
+        "seeds" => ": a list of whole numbers, as in seeds = [1, 2]".to_owned(),
+        "frames" => frames_in(value).map_or_else(String::new, |frames| format!(": write frames = {frames}")),
+        _ if !problem.starts_with("unknown key") || !is_setting(key) => String::new(),
+        _ if line.starts_with('[') => "; `orchestrator up --config FILE` takes a configuration".to_owned(),
+        _ => format!("; a setting is written config.{line}"),
+    }
+}
+
+fn is_setting(key: &str) -> bool {
+    let table = key.split('.').next().unwrap_or_default();
+    Config::default().to_table().contains_key(table)
 }
 
 impl Planned {
@@ -379,12 +415,27 @@ mod tests {
 
     #[test]
     fn a_wrong_line_is_shown_with_what_it_needs_in_plain_words() {
-        assert_eq!(problem(""), "missing key `runs`");
+        let run = "each run begins with a line [[runs]], and below it preset = \"demo\"";
+        assert_eq!(problem(""), format!("missing key `runs`: {run}"));
         for (text, said) in [
             ("seeds = [\"a\"]", "line 1, `seeds = [\"a\"]`: expected a whole number, 0 or greater, found \"a\""),
             ("seeds = [1]\nframes = 1.5", "line 2, `frames = 1.5`: expected a whole number, 0 or greater, found `1.5`"),
-            ("seeds = 1", "line 1, `seeds = 1`: expected a list, found `1`"),
+            (
+                "seeds = 1",
+                "line 1, `seeds = 1`: expected a list, found `1`: a list of whole numbers, as in seeds = [1, 2]",
+            ),
             ("[[runs]]\nname = \"x\"", "line 1, `[[runs]]`: missing key `preset`"),
+            ("runs = [\"demo\"]", run),
+            ("[runs]\npreset = \"demo\"", run),
+            ("seeds = [1]", run),
+            (
+                "evaluations = [\"test\"]\n[[runs]]\npreset = \"demo\"",
+                "a line [[evaluations]], and below it split = \"test\"",
+            ),
+            ("frames = \"1M\"\n[[runs]]\npreset = \"demo\"", "write frames = 1000000"),
+            ("frames = 1e6\n[[runs]]\npreset = \"demo\"", "write frames = 1000000"),
+            ("[[runs]]\npreset = \"demo\"\nppo.clip = 0.2", "a setting is written config.ppo.clip = 0.2"),
+            ("[ppo]\nclip = 0.2", "`orchestrator up --config FILE` takes a configuration"),
             (
                 "evaluations = [{ split = \"tset\", objects = \"all\" }]",
                 "unknown value `tset`, expected one of `train`, `valid`, `test`",

@@ -68,7 +68,7 @@ pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigE
             let nearest = nearest(&key, valid.iter().map(String::as_str));
             return ConfigError::UnknownKey { origin, line, key, nearest };
         }
-        let is_other = [".yaml", ".yml", ".json"].iter().any(|end| origin.ends_with(end));
+        let is_other = Path::new(&origin).extension().is_some_and(|ending| ending != "toml");
         let remark = if is_other { ": it must be TOML" } else { "" };
         ConfigError::Invalid { origin, line, problem: in_plain_words(error.message()) + remark }
     })
@@ -82,7 +82,7 @@ pub fn in_plain_words(message: &str) -> String {
             let mut names = rest.split('`').step_by(2);
             let (word, mut known) = (names.next().unwrap_or_default(), names.clone());
             // By its letters it is nearer to `cpu`.
-            let is_gpu = word.eq_ignore_ascii_case("gpu") && known.any(|name| name == "cuda");
+            let is_gpu = word.to_lowercase().starts_with("gpu") && known.any(|name| name == "cuda");
             let meant = if is_gpu { Some("cuda".to_owned()) } else { nearest(word, names) };
             return format!("unknown value `{rest}{}", suggestion(meant.as_deref()));
         }

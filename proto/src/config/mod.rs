@@ -17,6 +17,7 @@ mod normalize;
 mod place;
 mod preset;
 mod presets;
+mod remedy;
 mod resolve;
 mod reward;
 mod setting;
@@ -166,7 +167,7 @@ pub struct PpoConfig {
     pub gae_lambda: f64,
     /// Normalise advantages over the rollout ("Original" in the paper's tables).
     pub normalize_advantages: bool,
-    /// Where they are normalised: over each minibatch in place of the rollout.
+    /// With `normalize_advantages`: over each minibatch alone. `false`: over the whole rollout.
     pub normalize_by_minibatch: bool,
     /// Treat an end by the step limit as a truncation: the last action's advantage contains the value of the observation
     /// after it (in a task with images: before it). The paper's code treats such an end as any other.
@@ -267,13 +268,13 @@ pub enum EncoderPrecision {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LearnerConfig {
-    /// Learner processes; the actors are divided among them. All take every step of the optimiser together, with the
-    /// sum of their gradients (DD-PPO). One learner would take the same steps, except for the last bits and for the
-    /// negatives of `cpca16`. On CUDA learner i computes on device i.
+    /// Learner processes, each with its part of the actors. At every step of the optimiser they sum their gradients, so
+    /// all have the same weights (DD-PPO). Without `shards` these differ from the weights of one learner with all
+    /// actors: in the last bits, with `cpca16` in more. On CUDA learner i computes on device i.
     pub count: u32,
-    /// Parts that the actors are divided into, so that 1, 2, 4, ... learners train the same weights bit for bit (on
-    /// GPUs of one kind): each part is computed by itself. 0 = a learner's actors are one part; else at least `count`,
-    /// which is then a power of two, too. Smaller batches take longer.
+    /// In how many parts the actors are computed, one after another. With 8 parts 1, 2, 4 and 8 learners train the same
+    /// weights, bit for bit (on GPUs of one kind). `count` must then be a power of two, and at most this. Smaller parts
+    /// take longer. 0 = each learner computes its actors as one part.
     pub shards: u32,
     /// Where it computes.
     pub device: DeviceChoice,
@@ -286,12 +287,12 @@ pub struct LearnerConfig {
     pub deterministic: bool,
     /// Threads of libtorch on the CPU, of each learner. Results differ in the last bits between thread counts.
     pub threads: u32,
-    /// An actor that a learner has waited for this long, seconds, is killed and starts again. In the kitchens it is killed
+    /// An actor that gives no answer for this long, seconds, is killed and starts again. In the kitchens it is killed
     /// after ten times the longest of the last rollouts, if that is less.
     pub actor_deadline_s: f64,
-    /// Learners that finish neither a rollout nor an update for ten times as long as the last ones took are taken to
-    /// hang and started again, but not before this time, seconds. An actor in the kitchens has at least half of this time
-    /// for an answer.
+    /// Learners that finish neither a rollout nor an update are killed and start again: after ten times as long as the
+    /// last ones took, but not before this time, seconds. An actor in the kitchens has at least half of this time for an
+    /// answer.
     pub progress_deadline_s: f64,
 }
 

@@ -1,9 +1,9 @@
 //! Where a key stands in a text of TOML, and what its values can be.
 
-use super::preset::overlay;
-use super::{Config, ConfigError};
+use super::ConfigError;
+use super::remedy::{unit_of, with_value};
 use toml::de::{DeTable, DeValue};
-use toml::{Spanned, Table, Value};
+use toml::{Spanned, Value};
 
 /// The line, from 1, of a dotted key; in a list of tables the first that has it.
 pub(super) fn line_of(text: &str, key: &str) -> Option<usize> {
@@ -46,8 +46,13 @@ fn below(path: &str, name: &str) -> String {
 
 /// A problem with a number's type, with the numbers that its key can be, if they are known.
 pub(super) fn with_range(key: &str, problem: String) -> String {
-    let is_of_number = ["expected a whole number", "expected a number"].iter().any(|start| problem.starts_with(start));
-    match range_of(key).filter(|_| is_of_number) {
+    let kinds = ["expected a whole number", "expected a number"];
+    let Some(kind) = kinds.into_iter().find(|kind| problem.starts_with(kind)) else { return problem };
+    let problem = match unit_of(key) {
+        Some(unit) => problem.replacen(kind, &format!("{kind} of {unit}"), 1),
+        None => problem,
+    };
+    match range_of(key) {
         Some(range) => {
             let plain = problem.replacen(" from 0 to 4294967295", "", 1).replacen(", 0 or greater", "", 1);
             format!("{plain} ({range})")
@@ -59,14 +64,9 @@ pub(super) fn with_range(key: &str, problem: String) -> String {
 /// What the check of a key's range says of numbers outside.
 fn range_of(key: &str) -> Option<&'static str> {
     let extremes = [Value::Integer(0), u32::MAX.into(), Value::Float(-1.0), Value::Float(0.0), Value::Float(1e30)];
-    extremes.into_iter().find_map(|extreme| {
-        let nested = key.rsplit('.').fold(extreme, |inner, name| Table::from_iter([(name.to_owned(), inner)]).into());
-        let mut table = Config::default().to_table();
-        overlay(&mut table, nested.as_table()?.clone());
-        match table.try_into::<Config>().ok()?.validate() {
-            Err(ConfigError::OutOfRange { key: found, problem, .. }) if found == key => Some(problem),
-            _ => None,
-        }
+    extremes.into_iter().find_map(|extreme| match with_value(key, extreme).ok()?.validate() {
+        Err(ConfigError::OutOfRange { key: found, problem, .. }) if found == key => Some(problem),
+        _ => None,
     })
 }
 

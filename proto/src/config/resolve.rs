@@ -2,6 +2,7 @@
 
 use super::error::{self, ConfigError};
 use super::place::{key_at, line_of, with_range};
+use super::remedy::explained;
 use super::setting::{Setting, ending_in};
 use super::{CarriedGoal, Config, preset, presets};
 use crate::bounded;
@@ -145,8 +146,11 @@ fn parse_named(text: &str, origin: &str) -> Result<Config, ConfigError> {
         }
         ConfigError::Invalid { origin, line, problem } => {
             let span = toml::from_str::<Config>(text).err().and_then(|error| error.span());
-            let problem = match span.and_then(|span| key_at(text, span.start)) {
-                Some(key) => format!("{key}: {}", with_range(&key, problem)),
+            let problem = match span.and_then(|span| Some((key_at(text, span.start)?, text.get(span)?))) {
+                Some((key, written)) => {
+                    let said = explained(&key, written, with_range(&key, problem));
+                    if said.starts_with('`') { said } else { format!("{key}: {said}") }
+                }
                 None => problem,
             };
             ConfigError::Invalid { origin, line, problem }

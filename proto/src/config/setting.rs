@@ -4,6 +4,7 @@ use super::Config;
 use super::error::{self, ConfigError};
 use super::place::with_range;
 use super::preset::overlay;
+use super::remedy::explained;
 use crate::likeness::suggestion;
 use std::str::FromStr;
 use toml::{Table, Value};
@@ -75,7 +76,10 @@ impl FromStr for Setting {
 
     fn from_str(text: &str) -> Result<Self, SettingError> {
         let (key, value) = text.split_once('=').ok_or(SettingError::NoValue)?;
-        let key = key.trim();
+        let (key, value) = (key.trim(), value.trim());
+        if value.is_empty() {
+            return Err(SettingError::NoValue);
+        }
         let elsewhere = [
             ("preset", "`--preset`"),
             ("from", "`orchestrator up --from`"),
@@ -85,18 +89,13 @@ impl FromStr for Setting {
         if let Some(&(key, instead)) = elsewhere.iter().find(|(key, _)| *key == first) {
             return Err(SettingError::SaidElsewhere { key, instead });
         }
-        let set = |value: &str| Self::new(key, value_of(value)?);
-        let counted = key.ends_with("_frames").then(|| frames_in(value.trim())).flatten();
-        set(&counted.map_or_else(|| value.to_owned(), |frames| frames.to_string())).map_err(|error| match error {
-            SettingError::WrongType(problem) if problem == "expected a list, found a table" => {
-                let frames = if key.ends_with(".frames") { "; `--frames` scales all stages" } else { "" };
-                SettingError::WrongType(format!("{problem}: a list is set whole, as in 'stages=[{{ ... }}]'{frames}"))
-            }
-            error @ (SettingError::WrongType(_) | SettingError::BadValue(_)) => {
-                match as_number(key, value.trim()).filter(|number| set(number).is_ok()) {
-                    Some(number) => SettingError::WrongType(format!("`{}` is written {number}", value.trim())),
-                    None => error,
-                }
+        let counted = key.ends_with("_frames").then(|| frames_in(value)).flatten();
+        let counted = counted.map_or_else(|| value.to_owned(), |frames| frames.to_string());
+        value_of(&counted).and_then(|value| Self::new(key, value)).map_err(|error| match error {
+            SettingError::WrongType(problem) => SettingError::WrongType(explained(key, value, problem)),
+            SettingError::BadValue(_) => {
+                let said = explained(key, value, String::new());
+                if said.is_empty() { error } else { SettingError::WrongType(said) }
             }
             other => other,
         })
@@ -115,25 +114,6 @@ pub fn frames_in(text: &str) -> Option<u64> {
     // Doubles hold all whole numbers up to here.
     let exact = |frames: &f64| frames.fract() == 0.0 && (1.0..=2f64.powi(53)).contains(frames);
     digits.parse::<f64>().ok().map(|number| number * unit).filter(exact).map(|frames| frames as u64)
-}
-
-/// A number as TOML has it that was written with a comma, in percent or with a unit of time.
-fn as_number(key: &str, text: &str) -> Option<String> {
-    if let Some((whole, decimals)) = text.split_once(',') {
-        let is_thousands = decimals.split(',').all(|group| group.len() == 3) && whole != "0";
-        return Some(if is_thousands { text.replace(',', "_") } else { format!("{whole}.{decimals}") });
-    }
-    if let Some(percents) = text.strip_suffix('%') {
-        return Some((percents.parse::<f64>().ok()? / 100.0).to_string());
-    }
-    let unit = text.find(|letter: char| letter.is_ascii_alphabetic()).filter(|_| key.ends_with("_s"))?;
-    let seconds = match &text[unit..] {
-        "s" | "sec" => 1.0,
-        "m" | "min" => 60.0,
-        "h" => 3600.0,
-        _ => return None,
-    };
-    Some((text[..unit].parse::<f64>().ok()? * seconds).to_string())
 }
 
 /// The keys whose last part is this name.
@@ -257,6 +237,17 @@ mod tests {
                  `reward.lagrangian.learning_rate`?)",
             ),
             ("[ppo]\ncount = 1\n", "mine.toml:2: unknown key `count`"),
+            ("[network]\nmlp = 64\n", "mine.toml:2: network.mlp: expected a list: write 'network.mlp=[64]'"),
+            ("recording = false\n", "mine.toml:1: `recording` has keys of its own: write recording.enabled=false"),
+            (
+                "[learner]\nactor_deadline_s = \"1m\"\n",
+                "mine.toml:2: learner.actor_deadline_s: expected a number of seconds: write learner.actor_deadline_s=60",
+            ),
+            (
+                "[[stages]]\nname = \"I\"\n",
+                "mine.toml:1: stages: missing key `reward`: a stage has name, reward and frames, as in 'stages=[{ name = \
+                 \"I\", reward = \"r\", frames = 1000000 }]'; `--frames` scales all stages",
+            ),
         ] {
             assert_eq!(problem(text, &[]), expected);
         }
@@ -264,6 +255,65 @@ mod tests {
         let set = problem(text, &[setting("ppo.epochs=100")]);
         assert_eq!(set, "configuration: ppo.epochs = 100: must be 1 to 64", "the file's is another");
         assert!(problem(text, &[setting("ppo.minibatches=100")]).starts_with("configuration: ppo.minibatches"));
+    }
+
+    #[test]
+    fn what_to_write_instead_is_said() {
+        for (text, expected) in [
+            ("ppo.clip=0,2", "write ppo.clip=0.2"),
+            ("ppo.clip=.2", "expected a number: write ppo.clip=0.2"),
+            ("ppo.clip=1/5", "expected a number: write ppo.clip=0.2"),
+            ("ppo.epochs=4.0", "expected a whole number: write ppo.epochs=4"),
+            ("ppo.rollout_steps=1e3", "expected a whole number: write ppo.rollout_steps=1000"),
+            ("ppo.rollout_steps=1,000", "write ppo.rollout_steps=1_000"),
+            ("recording.depth_share=10%", "write recording.depth_share=0.1"),
+            ("checkpoint.interval_s=5min", "expected a number of seconds: write checkpoint.interval_s=300"),
+            ("learner.actor_deadline_s=1m", "expected a number of seconds: write learner.actor_deadline_s=60"),
+            (
+                "episode.start_distance_max_m=70cm",
+                "expected a number of metres: write episode.start_distance_max_m=0.7",
+            ),
+            ("simulation.timestep_s=10ms", "expected a number of seconds: write simulation.timestep_s=0.01"),
+            (
+                "recording.segment_bytes=256MB",
+                "expected a whole number of bytes: write recording.segment_bytes=256000000",
+            ),
+            (
+                "recording.segment_bytes=1GiB",
+                "expected a whole number of bytes: write recording.segment_bytes=1073741824",
+            ),
+            ("checkpoint.interval_s=soon", "expected a number of seconds, found \"soon\" (must be 0 or greater)"),
+            ("recording.enabled=off", "expected true or false: write recording.enabled=false"),
+            ("recording.enabled=True", "expected true or false: write recording.enabled=true"),
+            ("network.mlp=64", "expected a list: write 'network.mlp=[64]'"),
+            ("network.mlp=64,64", "write 'network.mlp=[64, 64]'"),
+            ("network.mlp=(64, 64)", "write 'network.mlp=[64, 64]'"),
+            ("scenes=room.toml", "expected a list: write 'scenes=[\"room.toml\"]'"),
+            (
+                "ppo.clip=0.1,0.2",
+                "one value goes here, not several: `orchestrator suite` trains with each (docs/report.md)",
+            ),
+            ("seed=1,2,3", "one value goes here, not several: `orchestrator suite` trains with each (docs/report.md)"),
+            ("recording=false", "`recording` has keys of its own: write recording.enabled=false"),
+            ("learner=cuda", "`learner` has keys of its own: write learner.device=cuda"),
+            (
+                "checkpoint=300",
+                "`checkpoint` has keys of its own: write checkpoint.interval_s=300 or checkpoint.keep=300",
+            ),
+            ("auxiliary=CPC", "`auxiliary` has keys of its own: focal_gamma, subsample, task, weight"),
+            (
+                "reward=r_prime",
+                "a stage names its reward, as in 'stages=[{ name = \"I\", reward = \"r\", frames = 1000000 }]'",
+            ),
+            (
+                "stages=1",
+                "expected a list: a stage has name, reward and frames, as in 'stages=[{ name = \"I\", reward = \"r\", \
+                 frames = 1000000 }]'; `--frames` scales all stages",
+            ),
+            ("network.memory=false", "unknown value `false`, expected one of `gru`, `lstm`, `none`"),
+        ] {
+            assert_eq!(problem(text), expected, "{text}");
+        }
     }
 
     #[test]
@@ -281,30 +331,31 @@ mod tests {
             ("ppo.epochs=1.5", "expected a whole number, found `1.5` (must be 1 to 64)"),
             ("ppo.clip=fast", "expected a number, found \"fast\" (must be greater than 0)"),
             ("ppo.overlap=3", "expected true or false, found `3`"),
-            ("ppo=4", "expected a table, found `4`"),
-            ("scenes=3", "expected a list, found `3`"),
+            ("scenes=3", "expected a list: write 'scenes=[\"3\"]'"),
             (
                 "stages.0.frames=10",
-                "expected a list, found a table: a list is set whole, as in 'stages=[{ ... }]'; `--frames` scales all stages",
+                "expected a list: a stage has name, reward and frames, as in 'stages=[{ name = \"I\", reward = \"r\", \
+                 frames = 1000000 }]'; `--frames` scales all stages",
             ),
+            ("scenes.0=a.toml", "expected a list, found a table: a list is set whole, as in 'scenes=[...]'"),
             (
                 "auxiliary.task=disturbance",
                 "unknown value `disturbance`, expected one of `none`, `disturb`, `inverse_dynamics`, `cpca16` (did you \
                  mean `disturb`?)",
             ),
             ("ppo.epochs=[1]", "expected a whole number, found a list (must be 1 to 64)"),
-            ("ppo.clip=0,2", "`0,2` is written 0.2"),
-            ("ppo.rollout_steps=1,000", "`1,000` is written 1_000"),
-            ("recording.depth_share=10%", "`10%` is written 0.1"),
-            ("checkpoint.interval_s=5min", "`5min` is written 300"),
+            (
+                "learner.device=gpu0",
+                "unknown value `gpu0`, expected one of `auto`, `cpu`, `cuda` (did you mean `cuda`?)",
+            ),
             ("learner.device=gpu", "unknown value `gpu`, expected one of `auto`, `cpu`, `cuda` (did you mean `cuda`?)"),
             ("learner.device=x", "unknown value `x`, expected one of `auto`, `cpu`, `cuda`"),
         ] {
             assert_eq!(problem(text), expected, "{text}");
         }
-        assert!(problem("ppo.epochs").contains("KEY=VALUE"));
+        assert!(problem("ppo.epochs").contains("KEY=VALUE") && problem("ppo.epochs=").contains("KEY=VALUE"));
         assert!(problem("=4").contains("no key") && problem("ppo..clip=4").contains("no key"));
-        for value in ["", "two words", "[1, 2", "1\nseed = 2", "a,b"] {
+        for value in ["two words", "[1, 2", "1\nseed = 2", "a,b"] {
             assert!(problem(&format!("ppo.epochs={value}")).contains("neither TOML nor a single word"), "{value}");
         }
         assert!(problem("preset=paper").contains("use `--preset`"));

@@ -103,7 +103,12 @@ impl Config {
         let spec = self.find_spec()?;
         let wrong = |key: &str, cause: SpecError| ConfigError::Task { key: key.to_owned(), cause };
         for (name, &weight) in &self.reward.weights {
-            check("reward", weight, weight.is_finite() && weight >= 0.0, "must be 0 or greater")?;
+            check(
+                "reward",
+                format!("{{ {name} = {weight} }}"),
+                weight.is_finite() && weight >= 0.0,
+                "must be 0 or greater",
+            )?;
             if !spec.weights.contains_key(name) {
                 let names: Vec<_> = spec.weights.keys().cloned().collect();
                 let problem = format!("task `{}` has no such weight; it has: {}", spec.name, names.join(", "));

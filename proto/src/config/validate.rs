@@ -90,7 +90,7 @@ impl Config {
         )?;
         let layers = || network.mlp.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
         let fits = (1..=8).contains(&network.mlp.len()) && network.mlp.iter().all(|width| (1..=4096).contains(width));
-        check("network.mlp", format!("[{}]", layers()), fits, "must be 1 to 8 widths of 1 to 4096")?;
+        check("network.mlp", format!("[{}]", layers()), fits, "must be 1 to 8 widths of 1 to 4096, such as [64, 64]")?;
         within("network.hidden", network.hidden, 8..=4096, "must be 8 to 4096")?;
         within("network.log_std", network.log_std, -10.0..=2.0, "must be -10 to 2")?;
         within("ppo.rollout_steps", ppo.rollout_steps, 1..=4096, "must be 1 to 4096")?;

@@ -18,12 +18,15 @@ These keys are changed most; the others can stay as the preset has them:
 |---|---|
 | [`seed`](#at-the-top) | all that is random |
 | [`stages`](#stages) | each stage's reward and frames; `--frames` scales them |
+| [`reward.lambda_disturb`](#reward) | how much a displacement costs in r′ |
 | [`actors.count`, `actors.environments_per_actor`](#actors) | processes, and environments in each |
 | [`learner.count`](#learner) | how many GPUs train |
 | [`ppo.rollout_steps`, `ppo.minibatches`](#ppo) | the batch: actors × environments × rollout steps / minibatches |
 | [`ppo.learning_rate`](#ppo) | size of an optimiser's step |
 | [`network.memory`](#network) | GRU or LSTM; `none` turns it off |
 | [`kitchens.source`](#kitchens) | nineteen kitchens, or procedural ones |
+| [`learner.actor_deadline_s`](#learner) | how long a step of a simulator may take before its actor is restarted |
+| [`recording.enabled`](#recording) | whether steps are recorded: `false` is faster, and leaves nothing to replay |
 | [`recording.depth_share`](#recording) | disk space |
 | [`validation.every_frames`](#validation) | how often checkpoints are evaluated |
 
