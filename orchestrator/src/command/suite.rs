@@ -280,19 +280,4 @@ mod tests {
         assert!(call(&all).ends_with(expected), "{}", call(&all));
         assert!(call(&["a.toml"]).ends_with(" suite a.toml"), "{}", call(&["a.toml"]));
     }
-
-    #[test]
-    fn a_seed_stands_once() {
-        check_seeds(&[1, 2]).unwrap();
-        assert!(check_seeds(&[1, 2, 1]).unwrap_err().to_string().contains("--seed: 1 is given twice"));
-    }
-
-    #[test]
-    fn a_gpu_is_a_place_once() {
-        let list = |text: &str| text.split(',').map(str::to_owned).collect::<Vec<_>>();
-        check_gpus(&list("0,1,GPU-8f2c")).unwrap();
-        check_gpus(&[]).unwrap();
-        assert!(check_gpus(&list("0,1,0")).unwrap_err().to_string().contains("twice"));
-        assert!(check_gpus(&list("0,")).unwrap_err().to_string().contains("empty"));
-    }
 }

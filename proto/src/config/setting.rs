@@ -257,6 +257,10 @@ mod tests {
                  `reward.lagrangian.learning_rate`?)",
             ),
             ("[ppo]\ncount = 1\n", "mine.toml:2: unknown key `count`"),
+            (
+                "\n[ppo]\nlerning_rate = 1e-3\n",
+                "mine.toml:3: unknown key `lerning_rate` (did you mean `learning_rate`?)",
+            ),
         ] {
             assert_eq!(problem(text, &[]), expected);
         }
