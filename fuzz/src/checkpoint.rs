@@ -48,31 +48,15 @@ fn is_state(bytes: &[u8]) -> bool {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let manifest = Manifest {
         schema_version: proto::SCHEMA_VERSION,
-        run: String::new(),
         rollout: 1,
         frames: 8,
         exchange: 4,
-        stage: 0,
-        stage_end: false,
         adam_steps: 1,
-        multiplier: 0.0,
-        carried_goal: CarriedGoal::GoalToObject,
         tensors: "a.safetensors".into(),
         tensors_bytes: bytes.len() as u64,
         tensors_sha256: sha256(bytes),
-        figures_sha256: String::new(),
-        config_sha256: String::new(),
-        config: String::new(),
-        weights: String::new(),
-        machine: Machine {
-            torch: String::new(),
-            device: String::new(),
-            threads: 1,
-            arithmetic: String::new(),
-            learners: 1,
-            shards: 0,
-        },
-        manifest_sha256: String::new(),
+        machine: Machine { threads: 1, learners: 1, ..Machine::default() },
+        ..Manifest::default()
     };
     std::fs::write(folder.path().join("a.safetensors"), bytes).expect("the temporary folder has room");
     std::fs::write(folder.path().join("a.json"), manifest.seal()).expect("the temporary folder has room");

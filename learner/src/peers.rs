@@ -503,15 +503,4 @@ mod tests {
         let errors = among(2, |rank, peers| if rank == 0 { None } else { peers.sum(&mut [1.0]).err() });
         assert!(errors[1].as_ref().unwrap().to_string().starts_with("learner 1 has lost the others"), "{errors:?}");
     }
-
-    #[test]
-    fn alone_everything_is_as_it_is() {
-        let peers = Peers::Alone;
-        let mut numbers = [2.0];
-        peers.sum(&mut numbers).unwrap();
-        peers.barrier().unwrap();
-        peers.agree("anything", 3).unwrap();
-        assert_eq!((numbers[0], peers.count(), peers.gather(&[1]).unwrap().len()), (2.0, 1, 0));
-        assert_eq!(peers.finished(0).unwrap().finished, 0);
-    }
 }

@@ -77,10 +77,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn the_tangent_is_that_of_half_the_field_of_view() {
-        let half_rad = (FIELD_OF_VIEW_DEG / 2.0).to_radians();
-        assert!((f64::from(TAN_HALF_FIELD_OF_VIEW) - half_rad.tan()).abs() < 1e-7);
-    }
 }

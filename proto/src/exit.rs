@@ -34,14 +34,3 @@ pub const EXIT_HOST_LOST: i32 = 7;
 /// Status with which they exit after SIGUSR1, or a launcher's SIGTERM: the run is saved and not complete, and wants to be
 /// started again. (`EX_TEMPFAIL` of sysexits.h.)
 pub const EXIT_REQUEUE: i32 = 75;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_signal_is_named() {
-        assert_eq!(how(ExitStatus::from_raw(9)), "was killed by signal 9 (SIGKILL)");
-        assert_eq!(how(ExitStatus::from_raw(256)), "ended with exit status: 1");
-    }
-}

@@ -244,13 +244,8 @@ impl Protocol {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     const T0: Duration = Duration::ZERO;
-
-    fn ms(ms: u64) -> Duration {
-        Duration::from_millis(ms)
-    }
 
     fn restore(learner_incarnation: u32, actor_incarnation: u32, step: [u64; 2]) -> RestoreHeader {
         RestoreHeader { step, stage_version: 1, learner_incarnation, actor_incarnation }
@@ -316,80 +311,5 @@ mod tests {
         assert_eq!(protocol.next(T0), Todo::Act { half: 1 }, "the learner will not send them again");
         protocol.acted(1, T0);
         assert_eq!(protocol.observation_header(1).step, 11);
-    }
-
-    proptest! {
-        /// A learner that repeats, delays and restarts at random always gets each half's next observation in the end,
-        /// and never one of a step it could not have asked for.
-        #[test]
-        fn it_never_gets_stuck(environments in 1u32..6, script in prop::collection::vec(0u8..6, 1..200)) {
-            let mut protocol = Protocol::new(0, 1, environments, false);
-            let halves = protocol.halves();
-            let mut learner = 1;
-            // The learner's books: next exchange of each half, and how many it has answered.
-            let mut wants = [0u64; 2];
-            let mut now = T0;
-            prop_assert_eq!(protocol.on_restore(&restore(1, 0, wants), environments as usize, now), Verdict::Accepted);
-            let mut queue: Vec<ActionHeader> = vec![];
-            for event in script {
-                now += ms(10);
-                match event {
-                    // The actor does what it has to.
-                    0..=2 => match protocol.next(now) {
-                        Todo::Act { half } => protocol.acted(half, now),
-                        Todo::Send { half } => {
-                            let lost = event == 2;
-                            let header = protocol.observation_header(half);
-                            protocol.sent(half, !lost, now);
-                            prop_assert!(header.step <= wants[half as usize]);
-                            if !lost && header.learner_incarnation == learner && header.step == wants[half as usize] {
-                                queue.push(actions(learner, half, header.step));
-                                wants[half as usize] += 1;
-                            }
-                        }
-                        _ => {}
-                    },
-                    // A batch arrives, twice.
-                    3 => if let Some(header) = queue.first().copied() {
-                        queue.remove(0);
-                        let count = halves.range(header.half).len();
-                        protocol.on_actions(&header, count);
-                        prop_assert!(ignored(protocol.on_actions(&header, count)));
-                    },
-                    // A late answer to a HELLO.
-                    4 => { protocol.on_restore(&restore(learner, 1, wants), environments as usize, now); }
-                    // The learner dies and comes back from an earlier checkpoint.
-                    _ => {
-                        learner += 1;
-                        wants = wants.map(|step| step / 2);
-                        let verdict = protocol.on_restore(&restore(learner, 0, wants), environments as usize, now);
-                        prop_assert_eq!(verdict, Verdict::Accepted);
-                    }
-                }
-            }
-            // From here on nothing is lost: each half must get through three more exchanges.
-            let goal = [wants[0] + 3, wants[1] + 3];
-            for _ in 0..100 {
-                now += ms(60);
-                for header in std::mem::take(&mut queue) {
-                    protocol.on_actions(&header, halves.range(header.half).len());
-                }
-                match protocol.next(now) {
-                    Todo::Act { half } => protocol.acted(half, now),
-                    Todo::Send { half } => {
-                        let header = protocol.observation_header(half);
-                        protocol.sent(half, true, now);
-                        if header.step == wants[half as usize] {
-                            queue.push(actions(learner, half, header.step));
-                            wants[half as usize] += 1;
-                        }
-                    }
-                    _ => {}
-                }
-            }
-            for half in 0..halves.count() as usize {
-                prop_assert!(wants[half] >= goal[half], "half {} stands at {} of {}", half, wants[half], goal[half]);
-            }
-        }
     }
 }

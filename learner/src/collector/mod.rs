@@ -14,7 +14,7 @@
 //!
 //! Nothing that arrives twice or late changes anything: every sample names its exchange and the learner incarnation it
 //! goes back to. [`Collector::restore`] tells a restarted actor the state of its environments, at any moment; a
-//! restarted learner begins from a [`Boundary`]. The tests crash both at every point and compare what was recorded.
+//! restarted learner begins from a [`Boundary`]. `tests/world` kills both at any point and compares what is trained on.
 
 mod column_map;
 mod environments;

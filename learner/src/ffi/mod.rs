@@ -136,15 +136,4 @@ mod tests {
         assert_eq!(floats(&[0, 3], |_| called = true).size(), [0, 3]);
         assert!(!called, "there is nothing to write");
     }
-
-    #[test]
-    fn what_is_written_is_in_the_tensor() {
-        let mut room = FrameRoom::new(2, Device::Cpu);
-        room.frames_mut()[1].fill(7);
-        room.frames_mut()[0].fill(3);
-        assert_eq!(room.rows(), 2);
-        assert_eq!(room.into_tensor().sum(Kind::Int64).int64_value(&[]), 10 * FRAME_PIXELS as i64);
-        let numbers = floats(&[2, 2], |numbers| numbers.copy_from_slice(&[1.0, 2.0, 3.0, 4.0]));
-        assert_eq!(numbers.double_value(&[1, 0]), 3.0);
-    }
 }

@@ -12,16 +12,3 @@
 pub(crate) fn ascend(multiplier: f64, learning_rate: f64, discounted_cost: f64) -> f64 {
     (multiplier + learning_rate * discounted_cost).max(0.0)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_multiplier_follows_the_constraint_and_never_becomes_a_reward() {
-        assert_eq!(ascend(1.0, 0.5, 0.25), 1.125);
-        assert_eq!(ascend(1.0, 0.5, -0.25), 0.875);
-        assert_eq!(ascend(0.1, 0.5, -0.25), 0.0);
-        assert_eq!(ascend(15.0, 0.01, 0.0), 15.0);
-    }
-}

@@ -106,6 +106,7 @@ impl Shelved {
     }
 }
 
+#[derive(Default)]
 struct Volume {
     path: PathBuf,
     offset: u64,
@@ -302,20 +303,7 @@ impl EpisodeIndex {
             }
             let offset = mcap::MAGIC.len() as u64;
             self.numbers.insert(path.clone(), self.volumes.len());
-            let (schemas, channels) = (HashMap::new(), HashMap::new());
-            let (given_up, caught_up) = (false, false);
-            let (switches, config) = (None, None);
-            self.volumes.push(Volume {
-                path,
-                offset,
-                length,
-                schemas,
-                channels,
-                switches,
-                config,
-                given_up,
-                caught_up,
-            });
+            self.volumes.push(Volume { path, offset, length, ..Volume::default() });
         }
     }
 
@@ -443,12 +431,8 @@ impl EpisodeIndex {
         let home = home(self.volumes[number].config.as_ref()?.kitchens, place);
         let home = (home.kitchen.number(), home.number);
         self.homes.insert((kitchen, environment), home);
-        let newest = self.newest.entry(home).or_insert((generation, episode));
-        if generation > newest.0 {
-            *newest = (generation, episode);
-        } else if generation == newest.0 {
-            newest.1 = newest.1.max(episode);
-        }
+        let newest = self.newest.entry(home).or_default();
+        *newest = (*newest).max((generation, episode));
         let key = (kitchen, environment, episode);
         if !self.episodes.contains_key(&key) {
             if self.episodes.len() >= EPISODES_MAX {

@@ -281,12 +281,8 @@ impl Collection {
             return Err(format!("an episode is called {} of its table, but it is {number}", fixed.unwrap_or_default()));
         }
         self.known.environments.insert((kitchen.number(), environment));
-        let newest = self.newest.entry((home.kitchen.number(), environment)).or_insert((generation, episode));
-        if generation > newest.0 {
-            *newest = (generation, episode);
-        } else if generation == newest.0 {
-            newest.1 = newest.1.max(episode);
-        }
+        let newest = self.newest.entry((home.kitchen.number(), environment)).or_default();
+        *newest = (*newest).max((generation, episode));
         if !self.wanted.is_of(of) {
             return Ok(None);
         }
@@ -384,35 +380,36 @@ impl Collection {
             self.faults.truncate(FAULTS_MAX);
             self.faults.push(format!("and {more} more"));
         }
-        let mut recorded = Recorded {
-            configs: self.settings.iter().map(|setting| setting.text.clone()).collect(),
-            episodes: Vec::new(),
-            config_of: Vec::new(),
-            headless: 0,
-            broken: 0,
-            known: std::mem::take(&mut self.known),
-            steps: self.steps,
-            complaints: std::mem::take(&mut self.complaints),
-            damaged_files: self.damaged_files,
-            faults: std::mem::take(&mut self.faults),
-            from_the_start,
-            failures_only,
-        };
-        let episodes = std::mem::take(&mut self.episodes);
-        for (key, assembly) in episodes {
+        let (mut episodes, mut config_of, mut headless, mut broken) = (Vec::new(), Vec::new(), 0, 0);
+        for (key, assembly) in std::mem::take(&mut self.episodes) {
             if self.is_void(key) || failures_only && self.is_left(key, &assembly) {
                 continue;
             }
             if assembly.hashes.is_empty() {
                 // A start without a step is an episode that had just begun; steps without the first are headless.
-                recorded.headless += u64::from(assembly.gap.is_some());
+                headless += u64::from(assembly.gap.is_some());
                 continue;
             }
-            recorded.broken += u64::from(assembly.gap.is_some());
-            recorded.config_of.push(assembly.config);
+            broken += u64::from(assembly.gap.is_some());
+            config_of.push(assembly.config);
             let place = self.settings[assembly.config].place(key);
-            recorded.episodes.push(assembly.recorded(place, key.2));
+            episodes.push(assembly.recorded(place, key.2));
         }
-        Ok(recorded)
+        let Self { known, steps, complaints, damaged_files, faults, .. } = self;
+        let configs = self.settings.into_iter().map(|setting| setting.text).collect();
+        Ok(Recorded {
+            configs,
+            episodes,
+            config_of,
+            headless,
+            broken,
+            known,
+            steps,
+            complaints,
+            damaged_files,
+            faults,
+            from_the_start,
+            failures_only,
+        })
     }
 }

@@ -3,7 +3,7 @@ use super::player::ShownArgs;
 use crate::environment;
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
-use crate::evaluation::subject::{Found, Provenance, Source, find};
+use crate::evaluation::subject::{Found, Source, find};
 use crate::evaluation::text::{episodes_of, place, seeds_of};
 use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
@@ -17,7 +17,7 @@ use anyhow::{Result, ensure};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{
-    Distribution, EPISODES_OF_SET, EvaluationConfig, ObjectSet, Plan, SEEDED_EPISODES, SEEDED_EPISODES_MOST,
+    Distribution, EPISODES_OF_SET, EvaluationConfig, ObjectSet, Plan, SEEDED_EPISODES, SEEDED_EPISODES_MOST, Subject,
     has_targets,
 };
 use proto::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
@@ -179,28 +179,28 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
         demand!(!is_file, "--out {0} is to be a folder; `--json > {0}` writes the result into a file", out.display());
         check_free(&RunFolder::new(out))?;
     }
-    let (mut run, provenance, checkpoint) = subject(args)?;
+    let (mut run, subject) = subject(args)?;
     if args.split.is_some() || args.kitchens.is_some() {
         // Elsewhere than in its own scenes.
         run.scenes.clear();
     }
     // A validation's run has tried it.
     if args.beside.is_none() {
-        let named = provenance.run.as_ref().map(Path::new).or(args.subject.as_deref());
+        let named = subject.run.as_ref().map(Path::new).or(args.subject.as_deref());
         environment::attempt(&run, named.unwrap_or(Path::new("it")))?;
     }
-    let asked = asked(args, &run, scenes::targets(&run)?, checkpoint)?;
+    let asked = asked(args, &run, scenes::targets(&run)?, subject.checkpoint.clone())?;
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
     let mut config = configuration(run, &asked, args, cores)?;
 
     terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
-    let named = args.out.clone().unwrap_or_else(|| default_folder(&provenance, &asked));
+    let named = args.out.clone().unwrap_or_else(|| default_folder(&subject, &asked));
     demand_all(&config, &RunFolder::new(&named), &tools)?;
     let folder = if args.out.is_some() { RunFolder::new(named) } else { new_folder(&named)? };
     let folders = if config.recording.enabled { vec![folder.recordings()] } else { vec![] };
     let (identity, lock) = create(&folder, &mut config, &folders)?;
-    EvaluationRun { folder, config, asked, json: args.json, subject: provenance, identity, lock, tools }.run()
+    EvaluationRun { folder, config, asked, json: args.json, subject, identity, lock, tools }.run()
 }
 
 /// An evaluation's configuration: its run's, without what concerns training only.
@@ -243,8 +243,8 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
     Ok(config)
 }
 
-/// The run's configuration, whose weights they are, and the manifest of the checkpoint or the policy file if there is one.
-fn subject(args: &EvalArgs) -> Result<(Config, Provenance, Option<String>)> {
+/// The run's configuration, and whose weights they are.
+fn subject(args: &EvalArgs) -> Result<(Config, Subject)> {
     let text = |path: &Path| match path.to_str() {
         Some(text) => Ok(text.to_owned()),
         None => anyhow::bail!("{} has a name that is not text", path.display()),
@@ -264,13 +264,13 @@ fn subject(args: &EvalArgs) -> Result<(Config, Provenance, Option<String>)> {
             }
             Source::File { path, policy } => (policy.config, None, None, path),
         };
-        let provenance = Provenance { preset: config.preset.clone(), seed: config.seed, run, run_id };
-        return Ok((config, provenance, Some(text(&weights)?)));
+        let (preset, seed, checkpoint) = (config.preset.clone(), config.seed, Some(text(&weights)?));
+        return Ok((config, Subject { preset, seed, run, run_id, checkpoint, ..Subject::default() }));
     }
     let preset = args.preset.as_deref().unwrap_or("demo");
     let config = Config::resolve_set(preset, args.config.as_deref(), &args.set)?;
     let seed = args.seed.unwrap_or(config.seed);
-    Ok((config, Provenance { preset: preset.to_owned(), seed, run: None, run_id: None }, None))
+    Ok((config, Subject { preset: preset.to_owned(), seed, ..Subject::default() }))
 }
 
 /// What is asked about a run. Its configuration names scenes only if the evaluation is in them.
@@ -345,7 +345,7 @@ fn asked(
 
 /// Which episodes are played where, and how to have others where that was not asked for.
 fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> String {
-    let what = episodes_of(config, asked).0;
+    let what = episodes_of(config, asked);
     if let Some(seeds) = seeds_of(asked.distribution, asked.split, asked.episodes) {
         return seeds;
     }
@@ -376,7 +376,7 @@ fn shape(asked: &EvaluationConfig, actors: Option<u32>, environments: Option<u32
     (actors, environments.unwrap_or(even))
 }
 
-fn default_folder(provenance: &Provenance, asked: &EvaluationConfig) -> PathBuf {
+fn default_folder(subject: &Subject, asked: &EvaluationConfig) -> PathBuf {
     let split = match asked.split {
         _ if !asked.scene_targets.is_empty() => "scenes",
         _ if asked.procedural.is_some() => "procedural",
@@ -390,13 +390,18 @@ fn default_folder(provenance: &Provenance, asked: &EvaluationConfig) -> PathBuf 
         objects => format!("-{}", objects.name()),
     };
     let name = |whose: &str| format!("{time}-{whose}{split}{objects}");
-    if let Some(run) = &provenance.run {
+    if let Some(run) = &subject.run {
         return Path::new(run).join("evaluations").join(name(""));
     }
     // Of a policy file, or of nothing that anybody has trained.
     let stem = asked.checkpoint.as_ref().and_then(|file| Path::new(file).file_stem());
+<<<<<<< HEAD
     let whose = stem.map_or_else(|| format!("{}-fresh", provenance.preset), |stem| stem.to_string_lossy().into_owned());
     Path::new(EVALUATIONS).join(name(&format!("{whose}-")))
+=======
+    let whose = stem.map_or_else(|| format!("{}-fresh", subject.preset), |stem| stem.to_string_lossy().into_owned());
+    Path::new("evaluations").join(name(&format!("{whose}-")))
+>>>>>>> 730c42da6dbf70da302ef8f2dfbe19dd166877fa
 }
 
 #[cfg(test)]
@@ -483,16 +488,13 @@ mod tests {
 
     #[test]
     fn a_result_is_called_after_the_run_the_file_or_the_preset() {
-        let provenance = |run: Option<&str>| {
-            let run = run.map(str::to_owned);
-            Provenance { preset: "demo".to_owned(), seed: 1, run, run_id: None }
-        };
-        let name = |run, checkpoint: Option<&str>| {
+        let name = |run: Option<&str>, checkpoint: Option<&str>| {
+            let subject = Subject { preset: "demo".to_owned(), run: run.map(str::to_owned), ..Subject::default() };
             let asked = EvaluationConfig {
                 checkpoint: checkpoint.map(str::to_owned),
                 ..EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 0)
             };
-            default_folder(&provenance(run), &asked).display().to_string()
+            default_folder(&subject, &asked).display().to_string()
         };
         let of_run = name(Some("/r/a"), Some("/r/a/checkpoints/rollout-00000003.json"));
         assert!(of_run.starts_with("/r/a/evaluations/") && of_run.ends_with("-test-novel"), "{of_run}");

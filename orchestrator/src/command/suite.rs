@@ -287,6 +287,7 @@ mod tests {
         assert!(call(&all).ends_with(expected), "{}", call(&all));
         assert!(call(&["a.toml"]).ends_with(" suite a.toml"), "{}", call(&["a.toml"]));
     }
+<<<<<<< HEAD
 
     #[test]
     fn a_seed_stands_once() {
@@ -303,4 +304,6 @@ mod tests {
         assert!(check_gpus(&list("0,1,0")).unwrap_err().to_string().contains("twice"));
         assert!(check_gpus(&list("0,")).unwrap_err().to_string().contains("empty"));
     }
+=======
+>>>>>>> 730c42da6dbf70da302ef8f2dfbe19dd166877fa
 }

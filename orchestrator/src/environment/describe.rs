@@ -163,18 +163,19 @@ fn last(errors: &str) -> String {
 mod tests {
     use super::*;
 
+    fn environment(command: &[&str]) -> EnvironmentConfig {
+        let command = command.iter().map(|&word| word.to_owned()).collect();
+        EnvironmentConfig { command, declaration: String::new() }
+    }
+
     fn asked(script: &str) -> Result<Answer, String> {
-        let command = ["sh", "-c", script].map(str::to_owned).to_vec();
-        let environment = EnvironmentConfig { command, declaration: String::new() };
+        let environment = environment(&["sh", "-c", script]);
         describe(&environment, "", Duration::from_secs(1)).map_err(|error| format!("{error:#}"))
     }
 
     #[test]
     fn another_build_is_one_sentence_that_says_which_is_which() {
-        let of = |script: &str| {
-            let command = ["sh", "-c", script].map(str::to_owned).to_vec();
-            demand_build(&EnvironmentConfig { command, declaration: String::new() }).map_err(|error| error.to_string())
-        };
+        let of = |script: &str| demand_build(&environment(&["sh", "-c", script])).map_err(|error| error.to_string());
         let own = wire::version::BUILD;
         of(&format!("test $0 = --build && echo {own}")).unwrap();
         let older = "echo 'usage: x\nserve: error: unrecognized arguments: --build' >&2; exit 2";
@@ -212,9 +213,7 @@ mod tests {
             let problem = asked(script).unwrap_err();
             assert!(problem.contains(expected) && !problem.contains('\n'), "{problem}");
         }
-        let command = vec!["/no/such/program".to_owned()];
-        let environment = EnvironmentConfig { command, declaration: String::new() };
-        assert!(describe(&environment, "", Duration::from_secs(1)).is_err());
+        assert!(describe(&environment(&["/no/such/program"]), "", Duration::from_secs(1)).is_err());
     }
 
     #[test]

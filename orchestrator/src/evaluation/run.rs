@@ -1,6 +1,6 @@
 use super::audience::EvaluationAudience;
-use super::text::{episodes_of, lines};
-use super::{journal, subject};
+use super::journal;
+use super::text::lines;
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::preflight::programs::Tools;
@@ -23,7 +23,7 @@ pub struct EvaluationRun {
     pub config: Config,
     pub asked: EvaluationConfig,
     pub json: bool,
-    pub subject: subject::Provenance,
+    pub subject: Subject,
     pub identity: Identity,
     pub lock: RunLock,
     pub tools: Tools,
@@ -101,33 +101,12 @@ impl EvaluationRun {
     fn write(&self, audience: &EvaluationAudience, saved: &Saved) -> Result<Evaluation> {
         let records = audience.records()?;
         let subject = Subject {
-            preset: self.subject.preset.clone(),
-            seed: self.subject.seed,
-            run: self.subject.run.clone(),
-            run_id: self.subject.run_id.clone(),
-            checkpoint: self.asked.checkpoint.clone(),
             frames: audience.frames,
             weights: saved.weights.clone(),
             parameters: audience.parameters,
+            ..self.subject.clone()
         };
-        let (_, [start_distance_max_m, goal_distance_max_m]) = episodes_of(&self.config, &self.asked);
-        let conditions = Conditions {
-            split: self.asked.split,
-            procedural: self.asked.procedural,
-            scenes: self.config.scenes.clone(),
-            objects: self.asked.objects,
-            episodes: self.asked.episodes,
-            distribution: self.asked.distribution,
-            start_distance_max_m,
-            goal_distance_max_m,
-            deterministic: self.asked.deterministic,
-            seed: self.config.seed,
-            max_steps: self.config.episode.max_steps,
-            action_space: self.config.episode.action_space,
-            actors: self.config.actors.count,
-            environments_per_actor: self.config.actors.environments_per_actor,
-            device: audience.device.clone(),
-        };
+        let conditions = Conditions::of(&self.config, &self.asked, audience.device.clone());
         let steps = records.iter().map(|(record, _)| u64::from(record.length)).sum();
         let cost = Cost { at_unix_s: unix_now(), wall_s: audience.wall().as_secs_f64(), steps };
         let spec = self.config.spec();

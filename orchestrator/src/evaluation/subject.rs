@@ -16,16 +16,6 @@ use proto::shell::quoted;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Provenance {
-    pub preset: String,
-    pub seed: u64,
-    /// Absolute path of the run folder; none for weights that no run has trained.
-    pub run: Option<String>,
-    /// Its id, as its checkpoint names it. None as above, and in a checkpoint of an older version.
-    pub run_id: Option<String>,
-}
-
 #[derive(Debug, Clone)]
 pub struct Found {
     pub manifest: PathBuf,

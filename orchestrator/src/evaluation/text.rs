@@ -9,14 +9,10 @@ use proto::kitchen::{KitchenId, KitchenRange, Split};
 use proto::task::{Described, Spec};
 use view::data::{ResultRow, Results};
 
-/// Which episodes are played, as people read it, and their distances at most: of start and target, and of goal and
-/// target.
-pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> (String, [f32; 2]) {
-    let distances_m = match asked.distribution {
-        Distribution::Fixed | Distribution::Seeds => [0.0; 2],
-        Distribution::Run => [config.episode.start_distance_max_m, config.episode.goal_distance_max_m],
-    };
-    (describe(asked.distribution, distances_m[0], distances_m[1]), distances_m)
+/// Which episodes are played, as people read it.
+pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> String {
+    let [start_m, goal_m] = asked.distances_max_m(config);
+    describe(asked.distribution, start_m, goal_m)
 }
 
 pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize, one: Option<KitchenId>) -> String {
@@ -43,7 +39,7 @@ pub fn conditions(config: &Config, asked: &EvaluationConfig) -> String {
         &path[begin..]
     });
     let actions = if asked.deterministic { "the most probable action" } else { "sampled actions" };
-    let (episodes, _) = episodes_of(config, asked);
+    let episodes = episodes_of(config, asked);
     let seeds = seeds_of(asked.distribution, asked.split, asked.episodes);
     let objects = match asked.objects {
         ObjectSet::NoTargets => String::new(),
@@ -140,9 +136,9 @@ pub fn heading(one: &Described) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::{conditions, played};
+    use crate::evaluation::testing::played;
     use proto::config::Config;
-    use proto::evaluation::{EpisodeRecord, ObjectSet, Subject};
+    use proto::evaluation::{Conditions, EpisodeRecord, Subject};
     use proto::kitchen::KitchenId;
 
     fn result(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Vec<String> {
@@ -150,11 +146,9 @@ mod tests {
     }
 
     fn evaluation(spec: &Spec, objects: ObjectSet, record: EpisodeRecord) -> Evaluation {
-        let [preset, weights] = ["", ""].map(str::to_owned);
-        let (run, run_id, checkpoint) = (None, None, None);
-        let subject = Subject { preset, seed: 1, run, run_id, checkpoint, frames: 0, weights, parameters: 0 };
-        let conditions = conditions(&Config::default(), Split::Test, objects);
-        Evaluation::of(spec, subject, conditions, Cost::default(), &[(record, vec![])])
+        let (config, asked) = (Config::default(), EvaluationConfig::fixed(Split::Test, objects, 1));
+        let conditions = Conditions::of(&config, &asked, "cpu".to_owned());
+        Evaluation::of(spec, Subject::default(), conditions, Cost::default(), &[(record, vec![])])
     }
 
     #[test]

@@ -214,10 +214,10 @@ fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::{conditions, played};
+    use crate::evaluation::testing::played;
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
+        Conditions, Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
     };
     use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
@@ -228,7 +228,8 @@ mod tests {
     /// An evaluation's folder: one episode, weights that are named by a letter.
     fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {
         let asked = EvaluationConfig::fixed(split, ObjectSet::Novel, 1);
-        let mut config = Config { evaluation: Some(asked), seed: 77, ..Config::resolve("recipe", None).unwrap() };
+        let mut config =
+            Config { evaluation: Some(asked.clone()), seed: 77, ..Config::resolve("recipe", None).unwrap() };
         config.actors.count = 5;
         let novel = (0..12).find(|&episode| ObjectSet::Novel.contains(category_of(episode))).unwrap();
         let record = played(KitchenId::of_split(split)[0], novel, &["success", "picked_up"]);
@@ -240,7 +241,7 @@ mod tests {
             weights: weights.repeat(64),
             ..Subject::default()
         };
-        let conditions = conditions(&config, split, ObjectSet::Novel);
+        let conditions = Conditions::of(&config, &asked, "cpu".to_owned());
         let spec = config.spec();
         let result = Evaluation::of(spec, subject, conditions, Cost::default(), &[(record.clone(), vec![20])]);
         std::fs::create_dir_all(folder).unwrap();

@@ -113,21 +113,6 @@ pub fn prepare(folder: &RunFolder, config: &mut Config, folders: &[PathBuf]) -> 
 mod tests {
     use super::*;
 
-    /// All but one were refused.
-    #[test]
-    fn whoever_begins_in_the_same_second_gets_a_folder_of_its_own() {
-        let temporary = tempfile::tempdir().unwrap();
-        let name = temporary.path().join("runs/20261121-020423-demo-1");
-        let made: std::collections::BTreeSet<PathBuf> = std::thread::scope(|scope| {
-            let threads: Vec<_> =
-                (0..8).map(|_| scope.spawn(|| new_folder(&name).unwrap().root().to_owned())).collect();
-            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
-        });
-        let text = name.display().to_string();
-        let expected = (1..=8).map(|number| if number == 1 { text.clone() } else { format!("{text}-{number}") });
-        assert_eq!(made, expected.map(PathBuf::from).collect());
-    }
-
     #[test]
     fn only_a_new_or_empty_folder_is_taken() {
         let temporary = tempfile::tempdir().unwrap();

@@ -26,6 +26,7 @@ pub struct Bereaved {
     pub last_words: Vec<String>,
 }
 
+#[derive(Default)]
 pub struct LearnerGroup {
     reported: Vec<Reported>,
     begun: Duration,
@@ -48,24 +49,7 @@ pub struct LearnerGroup {
 
 impl LearnerGroup {
     pub fn new(learners: u32) -> Self {
-        Self {
-            reported: vec![Reported::default(); learners as usize],
-            begun: Duration::ZERO,
-            work: Work::Collect,
-            since: Duration::ZERO,
-            done: [false; 4],
-            pace: Pace::default(),
-            last_event_at: Duration::ZERO,
-            warned: None,
-            held: Duration::ZERO,
-            collected: false,
-            restart_at: None,
-            bereaved: None,
-            history: RestartHistory::default(),
-            non_finite: false,
-            non_finite_falls: 0,
-            late_starts: 0,
-        }
+        Self { reported: vec![Reported::default(); learners as usize], ..Self::default() }
     }
 
     pub fn size(&self) -> usize {

@@ -12,8 +12,9 @@ const WINDOW: usize = 16;
 /// The same of episodes: dozens may end together, and then none for a whole episode's length.
 const EPISODES: usize = 1024;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Work {
+    #[default]
     Collect,
     Update,
     Save,

@@ -354,15 +354,4 @@ mod tests {
             assert!(meanwhile(|| bell.ring(), || successor.wakes(1)));
         });
     }
-
-    #[test]
-    #[should_panic(expected = "the run has no Actor(3)")]
-    fn there_are_as_many_bells_as_processes() {
-        let shape = WireShape::new(Shares::new(3, 2), 1, Config::default().spec());
-        let address = WireAddress::new(&format!("testnoactor{}", std::process::id()), 1);
-        Bells::create(&address, shape).unwrap();
-        let bells = Bells::open(&address, shape);
-        address.sweep().unwrap();
-        bells.unwrap().bell([Sleeper::Actor(3)]);
-    }
 }

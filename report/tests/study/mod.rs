@@ -2,8 +2,8 @@
 
 use proto::config::Config;
 use proto::evaluation::{
-    Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeRecord, Evaluation, ObjectSet, Subject,
-    category_of,
+    Conditions, Confusion, Cost, Distribution, EPISODES_PER_KITCHEN, EpisodeRecord, Evaluation, EvaluationConfig,
+    ObjectSet, Subject, category_of,
 };
 use proto::kitchen::{KitchenId, Split};
 use proto::metric;
@@ -84,23 +84,8 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
         weights: format!("{:064x}", config.seed),
         parameters: 5_800_000,
     };
-    let conditions = Conditions {
-        split,
-        procedural: None,
-        scenes: Vec::new(),
-        objects,
-        episodes: 0,
-        distribution: Distribution::Fixed,
-        start_distance_max_m: 0.0,
-        goal_distance_max_m: 0.0,
-        deterministic: false,
-        seed: config.seed,
-        max_steps: config.episode.max_steps,
-        action_space: config.episode.action_space,
-        actors: 5,
-        environments_per_actor: 32,
-        device: "cpu, 1 thread".into(),
-    };
+    let asked = EvaluationConfig::fixed(split, objects, 0);
+    let conditions = Conditions::of(config, &asked, "cpu, 1 thread".into());
     let result = Evaluation::of(config.spec(), subject, conditions, Cost::default(), &records);
     let episodes = records.into_iter().map(|(record, _)| record).collect();
     let split = if split == Split::Test { "test" } else { "valid" };

@@ -86,7 +86,7 @@ fn an_orchestrator_that_hears_nothing_before_it_is_killed_loses_no_figures() {
         wait_until("a checkpoint that nobody hears of", || checkpoint(known + 1) || checkpoint(known + 2));
         kill_child(child);
         run.wait_for_end();
-        let status = complete(workshop.orchestrator(&["status", &name]));
+        let status = workshop.call(&["status", &name]);
         let note = "not in metrics.jsonl and are taken from the checkpoint";
         assert!(status.stdout.contains(note), "{status:#?}");
         assert_resumes(&workshop, &name, &format!("killed after {rollouts} rollouts"));
@@ -117,7 +117,7 @@ fn a_validation_that_is_killed_in_every_try_is_missed_and_made_up_by_resume() {
     assert!(printed.stdout.contains(" complete: ") && printed.stdout.contains(" is missing: `"), "{printed:#?}");
     let text = std::fs::read_to_string(run.folder.summary()).unwrap();
     assert!(text.contains("\"missing\"") && text.contains("\"validation\""), "{text}");
-    let status = complete(workshop.orchestrator(&["status", "killed"]));
+    let status = workshop.call(&["status", "killed"]);
     assert!(status.stdout.contains("note: the validation after rollout "), "{status:#?}");
     assert_resumes(&workshop, "killed", "killed in every try");
     // Now there is nothing to make up, and nothing is started for it.
@@ -156,7 +156,7 @@ fn damaged_and_deleted_files_are_told_of_and_mended() {
                 }
             }
         }
-        let status = complete(workshop.orchestrator(&["status", name])).stdout;
+        let status = workshop.call(&["status", name]).stdout;
         let notes = match damage {
             None => ["metrics.jsonl is missing", "validation.jsonl is missing"],
             Some(_) => ["note: metrics.jsonl has ", "note: validation.jsonl has 1 damaged line"],

@@ -77,7 +77,7 @@ fn a_stop_of_a_learner_that_hangs_says_what_it_waits_for_and_ends() {
     let workshop = workshop();
     let (child, run, _) = hung(&workshop, "stop");
     let begun = Instant::now();
-    let stop = complete(workshop.orchestrator(&["stop", "stop"]));
+    let stop = workshop.call(&["stop", "stop"]);
     assert!(!stop.success && begun.elapsed() < Duration::from_mins(1), "{:?} {stop:#?}", begun.elapsed());
     for part in ["stopping: the learner saves", "the stop waits for learner-0", "learner-0 has not saved within"] {
         assert!(stop.stderr.contains(part), "{part}: {stop:#?}");
@@ -97,11 +97,11 @@ fn a_stopped_orchestrator_is_told_of_and_kills_nobody_when_it_goes_on() {
     signal(child.id(), Signal::STOP);
     // Longer than the silence after which `status` speaks of it.
     std::thread::sleep(Duration::from_secs(12));
-    let status = complete(workshop.orchestrator(&["status", "asleep"])).stdout;
+    let status = workshop.call(&["status", "asleep"]).stdout;
     for part in [&format!("its orchestrator (pid {}) is stopped", child.id()), "no rollout for "] {
         assert!(status.contains(part), "{part}: {status}");
     }
-    let stop = complete(workshop.orchestrator(&["stop", "asleep"]));
+    let stop = workshop.call(&["stop", "asleep"]);
     assert!(!stop.success && stop.stderr.contains("is itself stopped by a signal"), "{stop:#?}");
     signal(child.id(), Signal::CONT);
     let printed = finish(child);

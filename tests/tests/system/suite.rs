@@ -45,7 +45,7 @@ fn run(workshop: &Workshop, name: &str) -> Run {
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
     suite(&workshop, 900, "[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"tiny\"\nseeds = [5]");
-    let checked = complete(workshop.orchestrator(&["suite", "suite.toml", "--check", "--json"])).json();
+    let checked = workshop.call(&["suite", "suite.toml", "--check", "--json"]).json();
     let names: Vec<_> = checked["runs"].as_array().expect("runs").iter().map(|run| &run["name"]).collect();
     assert_eq!(names, ["tiny-5", "tiny-6", "after-5"]);
     // Killed before its folder can be known for a suite's, just before it starts its first process, and just after.
@@ -59,7 +59,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     complete(call(&workshop)).refused("already in use");
     kill_child(child);
     assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
-    let standing = complete(workshop.orchestrator(&["status", "all"])).good();
+    let standing = workshop.call(&["status", "all"]).good();
     assert!(standing.stdout.starts_with("suite all: 0 of 3 runs done, 2 waiting, 1 cut off\n"), "{standing:#?}");
     first.assert_nothing_left();
     assert!(!first.folder.summary().exists(), "the run was killed in its middle");
@@ -94,7 +94,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     // evaluation still leave, which holds up nobody; after it otherwise.
     let child = start(call(&workshop));
     second.wait_for_rollouts(4);
-    let stopped = complete(workshop.orchestrator(&["stop", "all"])).good();
+    let stopped = workshop.call(&["stop", "all"]).good();
     assert!(stopped.stdout.starts_with("suite all: ") && stopped.stdout.contains("1 stopped"), "{stopped:#?}");
     let printed = finish(child);
     assert!(printed.success && printed.stderr.contains("orchestrator suite suite.toml --out "), "{printed:#?}");
@@ -111,19 +111,19 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     }
     assert!(printed.stdout.contains("report      ") && printed.stdout.contains(" report "), "{printed:#?}");
     let done = state(&workshop);
-    let listed = complete(workshop.orchestrator(&["status", "all"])).good();
+    let listed = workshop.call(&["status", "all"]).good();
     assert!(listed.stdout.starts_with("suite all: 3 of 3 runs done\n"), "{listed:#?}");
     assert!(listed.stdout.contains("\ntiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
     assert!(listed.stdout.contains("\n  suite-test-novel-6  ") && listed.stdout.contains("all/runs\n"), "{listed:#?}");
-    let compared = complete(workshop.orchestrator(&["compare", "all", "--json"])).json();
+    let compared = workshop.call(&["compare", "all", "--json"]).json();
     assert_eq!(compared["runs"], serde_json::json!(["all/runs/tiny-5", "all/runs/tiny-6", "all/runs/after-5"]));
     for command in ["replay", "eval", "resume", "stop", "logs", "play"] {
-        let printed = complete(workshop.orchestrator(&[command, "all"]));
+        let printed = workshop.call(&[command, "all"]);
         printed.refused("all is the folder of a suite: give one of its runs (such as all/runs/after-5; ");
         assert_eq!(printed.status, Some(2), "{command}");
     }
     // One of its runs would be shown.
-    complete(workshop.orchestrator(&["top", "all"])).refused("top draws on a terminal, and standard output is none");
+    workshop.call(&["top", "all"]).refused("top draws on a terminal, and standard output is none");
     for name in ["tiny-5", "tiny-6", "after-5"] {
         assert_eq!(done["runs"][name]["status"], "done", "{done:#}");
     }

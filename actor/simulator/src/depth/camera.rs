@@ -45,7 +45,7 @@ impl DepthCamera {
             scenery: Scenery::of(bodies),
             buffer: DepthBuffer::new(FRAME_SIDE),
             outline: Outline::default(),
-            polyhedra: PolyhedronBrush::new(),
+            polyhedra: PolyhedronBrush::default(),
             rounds: RoundBrush::new(),
             in_view: Vec::new(),
             view_set_triangles: 0,

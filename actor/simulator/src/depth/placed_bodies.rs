@@ -58,7 +58,7 @@ struct BodyView {
     pose: Option<[u32; 7]>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct PlacedBodies {
     bodies: Vec<BodyView>,
     pub models: Vec<Arc<Model>>,
@@ -75,14 +75,7 @@ pub fn pose_bits(pose: &Pose3) -> [u32; 7] {
 
 impl PlacedBodies {
     pub fn new(bodies: &[Body]) -> Self {
-        let mut placed = Self {
-            bodies: Vec::new(),
-            models: Vec::new(),
-            parts: Vec::new(),
-            bounds: Vec::new(),
-            vertices: Vec::new(),
-            half_spaces: Vec::new(),
-        };
+        let mut placed = Self::default();
         let mut models = Models::default();
         for (number, body) in bodies.iter().enumerate() {
             let first = placed.parts.len();

@@ -18,7 +18,7 @@ const FACE_BY_FACE_GROUPS: f32 = 256.0;
 const ALL: u32 = 255;
 
 /// Draws polyhedra; its buffers live from call to call.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct PolyhedronBrush {
     cuboids: CuboidOutlines,
     /// Vertices of the part at hand, in the image.
@@ -60,21 +60,6 @@ enum Seen {
 }
 
 impl PolyhedronBrush {
-    pub fn new() -> Self {
-        Self {
-            cuboids: CuboidOutlines::new(),
-            x_px: Vec::new(),
-            y_px: Vec::new(),
-            inverse_m: Vec::new(),
-            front: Vec::new(),
-            front_faces: Vec::new(),
-            planes: ManyPlanes::default(),
-            corners: Vec::new(),
-            polygon: Vec::new(),
-            clipped: Vec::new(),
-        }
-    }
-
     pub fn draw(&mut self, buffer: &mut DepthBuffer, outline: &mut Outline, view: &View, placed: &Placed) {
         let side = buffer.side() as f32;
         let (extent, groups, last) = match self.project(view, placed.vertices, side) {
@@ -265,8 +250,8 @@ fn corners_of(mesh: &Mesh, face: Face) -> &[u16] {
 #[derive(Debug, Clone)]
 struct CuboidOutlines(Vec<Option<[[i32; LANES]; 2]>>);
 
-impl CuboidOutlines {
-    fn new() -> Self {
+impl Default for CuboidOutlines {
+    fn default() -> Self {
         let mesh = Mesh::of(&Primitive::Cuboid { half_extents_m: Vec3::ONE });
         let edges = mesh.edges().expect("a box is closed");
         let outlines = (0..64u32)
@@ -291,7 +276,9 @@ impl CuboidOutlines {
             .collect();
         Self(outlines)
     }
+}
 
+impl CuboidOutlines {
     fn get(&self, front: u32) -> Option<&[[i32; LANES]; 2]> {
         self.0.get(front as usize)?.as_ref()
     }

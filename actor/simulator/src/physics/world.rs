@@ -61,22 +61,15 @@ impl std::fmt::Debug for World {
 impl Clone for World {
     fn clone(&self) -> Self {
         Self {
-            parameters: self.parameters,
             islands: self.islands.clone(),
             broad_phase: self.broad_phase.clone(),
             narrow_phase: self.narrow_phase.clone(),
             bodies: self.bodies.clone(),
             colliders: self.colliders.clone(),
-            impulse_joints: ImpulseJointSet::new(),
-            multibody_joints: MultibodyJointSet::new(),
-            soft_bodies: SoftBodySet::new(),
             movable_count: self.movable_count,
             weighed: self.weighed.clone(),
             changed: self.changed,
-            roused: Vec::new(),
-            nothing: Nothing::default(),
-            pipeline: PhysicsPipeline::new(),
-            ccd_solver: CCDSolver::new(),
+            ..Self::new(self.parameters.dt)
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Actors of the collector's simulated world.
+//! Simulated actors.
 
 use super::environment::FakeEnvironment;
 use super::{ActionBatch, ColumnMap, FakeSample, MAX_STEPS, Message};

@@ -17,28 +17,25 @@ fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
     let batch = collector.answer(&first, &[4]).remove(0);
     actor.actions.push_back(batch);
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
-    let mut refused = |change: &dyn Fn(&mut FakeSample)| {
+    let changes: [(fn(&mut FakeSample), _); 9] = [
+        (|sample| sample.header_mut().flags = 0, "reports nothing of action 4"),
+        (|sample| Line::bytes_mut(&mut sample.0[0])[64] = 5, "action 5; sent was episode 0, step 0, action 4"),
+        (|sample| sample.header_mut().acted_step = 1, "step 1, action 4; sent was"),
+        (|sample| sample.header_mut().flags |= flag::TERMINATED | flag::TRUNCATED, "flags are 0x7"),
+        (|sample| sample.header_mut().flags |= flag::TERMINATED, "must be at episode 1, step 0"),
+        (|sample| sample.reals("wrist_object_progress_m")[0] = f32::INFINITY, "not finite"),
+        (|sample| sample.reals("wrist_object_m")[0] = f32::NAN, "not finite"),
+        (|sample| sample.reals("goal_success")[0] = 1000.0, "goal_success is 1000"),
+        (|sample| sample.reals("disturbance_m")[0] = 3e38, "disturbance_m is"),
+    ];
+    for (change, expected) in changes {
         let mut sample = sample.clone();
         change(&mut sample);
         let error = collector.receive(&header, sample).unwrap_err();
         let text = error.to_string();
-        assert_eq!(error.is_non_finite(), text.contains("not finite"), "{text}");
-        text
-    };
-    assert!(refused(&|sample| sample.header_mut().flags = 0).contains("reports nothing of action 4"));
-    assert!(
-        refused(&|sample| Line::bytes_mut(&mut sample.0[0])[64] = 5)
-            .contains("action 5; sent was episode 0, step 0, action 4")
-    );
-    assert!(refused(&|sample| sample.header_mut().acted_step = 1).contains("step 1, action 4; sent was"));
-    assert!(
-        refused(&|sample| sample.header_mut().flags |= flag::TERMINATED | flag::TRUNCATED).contains("flags are 0x7")
-    );
-    assert!(refused(&|sample| sample.header_mut().flags |= flag::TERMINATED).contains("must be at episode 1, step 0"));
-    assert!(refused(&|sample| sample.reals("wrist_object_progress_m")[0] = f32::INFINITY).contains("not finite"));
-    assert!(refused(&|sample| sample.reals("wrist_object_m")[0] = f32::NAN).contains("not finite"));
-    assert!(refused(&|sample| sample.reals("goal_success")[0] = 1000.0).contains("goal_success is 1000"));
-    assert!(refused(&|sample| sample.reals("disturbance_m")[0] = 3e38).contains("disturbance_m is"));
+        assert!(text.contains(expected), "{text}");
+        assert_eq!(error.is_non_finite(), expected == "not finite", "{text}");
+    }
     assert_eq!(collector.receive(&header, sample.clone()), Ok(Received::Kept));
     let second = due(&collector);
     let settled = collector.settle(&second);

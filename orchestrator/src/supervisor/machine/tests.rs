@@ -105,6 +105,33 @@ impl World {
         world
     }
 
+    /// Learners that have taken this many steps.
+    fn after(steps: u32, learners: u32) -> Self {
+        let mut world = Self::with(learners);
+        for _ in 0..steps {
+            world.step(true);
+        }
+        world
+    }
+
+    /// One learner whose rollouts and updates take two seconds each, after this many of both.
+    fn quick(steps: u32) -> Self {
+        let mut world = Self::new();
+        for _ in 0..steps {
+            world.pass(Duration::from_secs(2));
+            world.step(true);
+        }
+        world
+    }
+
+    /// Why the session failed; nothing was saved.
+    fn failed(&self) -> &str {
+        match &self.outcome {
+            Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) => reason,
+            other => panic!("{other:?}"),
+        }
+    }
+
     fn feed(&mut self, event: Event) {
         let actions = self.supervisor.on_event(self.now, event);
         self.carry_out(actions);

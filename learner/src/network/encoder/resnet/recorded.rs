@@ -184,14 +184,6 @@ mod tests {
         (launched, recordings.recorded.keys().copied().collect())
     }
 
-    #[test]
-    #[ignore = "needs a CUDA device"]
-    fn a_recorded_pass_is_the_pass() {
-        let _alone = crate::device::cuda_alone();
-        assert_eq!(compare(&[&[38, 19, 38, 19]]), (0, vec![]), "one update, whatever it has of epochs");
-        assert_eq!(compare(&[&[38, 19][..]; 4]), (6, vec![19, 38]), "from the second update on");
-    }
-
     /// Also while others share the memory that a dropped one had.
     #[test]
     #[ignore = "needs a CUDA device"]

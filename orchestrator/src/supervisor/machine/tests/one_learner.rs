@@ -23,21 +23,6 @@ fn an_undisturbed_run_trains_both_stages_and_ends_complete() {
 }
 
 #[test]
-fn a_stop_saves_and_can_be_told_from_completion() {
-    let mut world = World::new();
-    for _ in 0..6 {
-        world.step(false);
-    }
-    world.feed(Event::Interrupt);
-    assert_eq!(world.announced.directive, directive::STOP);
-    world.feed(Event::Stop);
-    train(&mut world);
-    let outcome = world.outcome.expect("it ended");
-    assert_eq!(outcome.end, SessionEnd::Stopped);
-    assert!(outcome.saved.is_some_and(|saved| saved.frames > 0 && saved.frames < 833));
-}
-
-#[test]
 fn a_second_interrupt_kills_everything_at_once() {
     let mut world = World::new();
     world.step(false);
@@ -59,10 +44,7 @@ fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
         (Exit::Signal(11), "last with signal 11 (SIGSEGV)", ""),
         (Exit::Killed, "last killed by the orchestrator", slow),
     ] {
-        let mut world = World::new();
-        for _ in 0..4 {
-            world.step(true);
-        }
+        let mut world = World::after(4, 1);
         for _ in 0..20 {
             world.exit(Process::Actor(2), exit.clone());
             world.pass(Duration::from_secs(5));
@@ -82,10 +64,7 @@ fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
 #[test]
 fn the_second_error_of_an_environment_at_the_same_step_ends_the_run() {
     let error = |step: u32| format!("2026-11-21T02:04:23.1Z ERROR actor 2: environment 4, episode 1, step {step}: oh");
-    let mut world = World::new();
-    for _ in 0..4 {
-        world.step(true);
-    }
+    let mut world = World::after(4, 1);
     for (exit, step) in [(1, 7), (1, 8), (1, 7)].map(|(exit, step)| (Exit::Code(exit), step)).into_iter().chain([
         // Which is no error's.
         (Exit::Signal(9), 7),
@@ -113,18 +92,13 @@ fn the_second_error_of_an_environment_at_the_same_step_ends_the_run() {
 #[test]
 fn a_learner_that_cannot_save_is_not_started_again() {
     for learners in [1, 3] {
-        let mut world = World::with(learners);
-        for _ in 0..4 {
-            world.step(true);
-        }
+        let mut world = World::after(4, learners);
         for rank in 1..learners {
             world.exit(Process::Learner(rank), Exit::Code(EXIT_LOST_PEERS));
         }
         world.exit(LEARNER, Exit::Code(EXIT_UNSAVED));
         train(&mut world);
-        let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = &world.outcome else {
-            panic!("it cannot go on")
-        };
+        let reason = world.failed();
         assert!(reason.starts_with("learner-0 could not save"), "{reason}");
         assert!(world.spawned.values().all(|&starts| starts == 1), "{:?}", world.spawned);
     }
@@ -132,10 +106,7 @@ fn a_learner_that_cannot_save_is_not_started_again() {
 
 #[test]
 fn non_finite_numbers_are_forgiven_once_between_progress() {
-    let mut world = World::new();
-    for _ in 0..4 {
-        world.step(true);
-    }
+    let mut world = World::after(4, 1);
     world.exit(LEARNER, Exit::Code(EXIT_NON_FINITE));
     assert_eq!(world.spawned[&LEARNER], 2);
     for _ in 0..4 {
@@ -232,11 +203,7 @@ fn the_end_of_a_process_that_is_not_there_changes_nothing() {
 #[test]
 fn a_hang_is_told_of_early_and_ended_by_what_was_measured() {
     for steps in [14, 15] {
-        let mut world = World::new();
-        for _ in 0..steps {
-            world.pass(Duration::from_secs(2));
-            world.step(true);
-        }
+        let mut world = World::quick(steps);
         world.reports.clear();
         let work = if world.collected { "update" } else { "rollout" };
         assert_eq!(world.collected, steps == 15);
@@ -259,11 +226,7 @@ fn a_hang_is_told_of_early_and_ended_by_what_was_measured() {
 
 #[test]
 fn a_learner_that_waits_for_an_actor_does_not_hang() {
-    let mut world = World::new();
-    for _ in 0..14 {
-        world.pass(Duration::from_secs(2));
-        world.step(true);
-    }
+    let mut world = World::quick(14);
     // It waits longer than a rollout may take, for one that is started again and again.
     for second in 1..=100 {
         world.pass(Duration::from_secs(1));
@@ -280,11 +243,7 @@ fn a_learner_that_waits_for_an_actor_does_not_hang() {
 /// A stop waits for what was measured, and says what for.
 #[test]
 fn a_stop_of_a_hanging_learner_ends_in_bounded_time() {
-    let mut world = World::new();
-    for _ in 0..15 {
-        world.pass(Duration::from_secs(2));
-        world.step(true);
-    }
+    let mut world = World::quick(15);
     world.feed(Event::Stop);
     world.reports.clear();
     let begin = world.now;
@@ -300,31 +259,21 @@ fn a_stop_of_a_hanging_learner_ends_in_bounded_time() {
     for _ in 0..=ACTORS {
         world.obey();
     }
-    let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = world.outcome else {
-        panic!("{:?}", world.outcome)
-    };
+    let reason = world.failed();
     assert_eq!(reason, "learner-0 has not saved within 240 s");
 }
 
 /// A checkpoint waits for the disk of the recordings, and whoever were killed for it, the next would wait, too.
 #[test]
 fn a_disk_that_hangs_in_a_checkpoint_is_waited_for_as_long_as_one_that_hangs_the_recorder() {
-    let quick = || {
-        let mut world = World::new();
-        for _ in 0..14 {
-            world.pass(Duration::from_secs(2));
-            world.step(true);
-        }
-        world
-    };
-    let mut world = quick();
+    let mut world = World::quick(14);
     world.learner(LearnerEvent::CheckpointBegun { rank: 0 });
     // One that fails is followed by a rollout without a word.
     assert_eq!(seconds_until_a_kill(&mut world), 600 + 60 + 1);
     let warned = |text: &String| text.contains("no checkpoint is finished");
     assert!(world.reports.iter().any(warned), "{:#?}", world.reports);
 
-    let mut world = quick();
+    let mut world = World::quick(14);
     world.feed(Event::Stop);
     world.pass(Duration::from_secs(50));
     world.learner(LearnerEvent::CheckpointBegun { rank: 0 });

@@ -68,9 +68,7 @@ fn a_fall_is_one_death_in_the_count() {
     for _ in 0..ACTORS {
         world.obey();
     }
-    let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = &world.outcome else {
-        panic!("{:?}", world.outcome)
-    };
+    let reason = world.failed();
     let expected = "the learners died 6 times while the run got no further, last learner-2 with signal 11 (SIGSEGV)";
     assert!(reason.starts_with(expected), "{reason}");
 }
@@ -132,9 +130,7 @@ fn a_learner_that_refuses_to_begin_ends_the_run_for_all() {
     world.exit(Process::Learner(2), Exit::Code(1));
     assert_eq!(world.killed.len(), 2, "the others cannot save without it");
     train(&mut world);
-    let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = world.outcome else {
-        panic!("{:?}", world.outcome)
-    };
+    let reason = world.failed();
     assert!(reason.starts_with("learner-2 could not begin: exit status 1"), "{reason}");
     assert!(world.spawned.values().all(|&starts| starts == 1), "nobody is asked again: {:?}", world.spawned);
 }
@@ -180,9 +176,7 @@ fn a_learner_that_dies_while_they_save_is_named() {
         for _ in 0..=ACTORS {
             world.obey();
         }
-        let Some(Outcome { end: SessionEnd::Failed(reason), saved: None }) = &world.outcome else {
-            panic!("{:?}", world.outcome)
-        };
+        let reason = world.failed();
         assert!(reason.starts_with(&format!("learner-{rank} died while it saved (signal 11 (SIGSEGV))")), "{reason}");
         assert_eq!(world.deaths().len(), 1);
         assert!(world.spawned.values().all(|&starts| starts == 1));
