@@ -66,13 +66,14 @@ impl Standing {
         runs
     }
 
-    /// What each run is at: `tiny-2 done, tiny-1 training`.
-    pub fn each(&self) -> String {
-        self.text_of(&self.in_order())
+    /// Each run's name, and what it is at.
+    pub fn runs(&self) -> Vec<[String; 2]> {
+        self.in_order().into_iter().map(|(name, status)| [name.clone(), self.text(status)]).collect()
     }
 
-    fn text_of(&self, runs: &[(&String, &Status)]) -> String {
-        runs.iter().map(|(name, status)| format!("{name} {}", self.text(status))).collect::<Vec<_>>().join(", ")
+    /// What each run is at: `tiny-2 done, tiny-1 training`.
+    pub fn each(&self) -> String {
+        self.runs().iter().map(|run| run.join(" ")).collect::<Vec<_>>().join(", ")
     }
 
     /// Where the run of this folder, or of this folder of an evaluation, stands in the order of the suite's file; and in a
@@ -86,7 +87,7 @@ impl Standing {
             let status = self.text(&self.runs.get(name)?.status);
             Some(format!("suite {}: run {number} of {}, {status}", self.name, self.runs.len()))
         };
-        format!("{}\n{}", of_run().unwrap_or_else(|| self.summary()), self.text_of(&runs))
+        format!("{}\n{}", of_run().unwrap_or_else(|| self.summary()), self.each())
     }
 
     /// Its report's page, where there is one.
