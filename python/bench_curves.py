@@ -99,6 +99,9 @@ RECIPES = {
     ("cleanrl", "PongNoFrameskip-v4"): ATARI,
 }
 PEERS = {"cleanrl": "CleanRL", "sb3": "SB3"}
+# Colours of a report's charts.
+INKS = {"Stillroom": "#0072b2", "CleanRL": "#d55e00", "SB3": "#009e73"}
+PAPER, LINE, INK, SOFT = "#fbfaf8", "#e4e1db", "#22262c", "#5d646e"
 TASKS = list(dict.fromkeys(task for _, task in RECIPES))
 # Those of a minute come first; of the others all systems of a seed come before the next seed.
 SHORT = TASKS[:3]
@@ -391,28 +394,54 @@ def table(runs: list[dict[str, Any]]) -> str:
 
 
 def draw(runs: list[dict[str, Any]], picture: Path) -> None:
-    """IQM and interval of each part of the training: a row for each peer."""
-    from matplotlib import pyplot
+    """IQM and interval of each part of the training, as reports draw curves: a row for each peer."""
+    from matplotlib import lines, patches, pyplot
 
     tasks = [task for task in TASKS if any(run["task"] == task for run in runs)]
-    figure, axes = pyplot.subplots(2, len(tasks), figsize=(3 * len(tasks), 5), squeeze=False)
+    figure, axes = pyplot.subplots(2, len(tasks), figsize=(5.4 * len(tasks), 8.4), squeeze=False, facecolor=PAPER)
+    figure.subplots_adjust(0.045, 0.075, 0.975, 0.88, 0.24, 0.44)
     for (peer, name), row in zip(PEERS.items(), axes, strict=True):
         for task, axis in zip(tasks, row, strict=True):
-            for of, label, colour in zip(pairs(runs, task, peer), (name, "Stillroom"), ("C1", "C0"), strict=True):
+            for of, label in zip(pairs(runs, task, peer), (name, "Stillroom"), strict=True):
                 points = []
                 for part in range(POINTS):
                     if values := [run["curve"][part] for run in of if run["curve"][part] is not None]:
                         points.append(((part + 1) / POINTS * of[0]["frames"], *interval(values)))
                 if points:
                     frames, middle, low, high = zip(*points, strict=True)
-                    axis.plot(frames, middle, colour, label=label)
-                    axis.fill_between(frames, low, high, color=colour, alpha=0.25)
-                    axis.legend(fontsize=7)
+                    axis.plot(frames, middle, INKS[label], linewidth=2)
+                    axis.fill_between(frames, low, high, color=INKS[label], alpha=0.16, linewidth=0)
             axis.set_visible(bool(axis.lines))
-            axis.set_title(task, fontsize=8)
-            axis.tick_params(labelsize=7)
-    figure.tight_layout()
-    figure.savefig(picture, dpi=100)
+            settle(axis, f"{task}, return, {name}'s settings")
+            if axis.lines:
+                left, bottom, width, height = axis.get_position().bounds
+                card = {"facecolor": "white", "edgecolor": LINE, "zorder": -1, "transform": figure.transFigure}
+                corner, size = (left - 0.037, bottom - 0.06), (width + 0.053, height + 0.12)
+                figure.add_artist(patches.FancyBboxPatch(corner, *size, "round,pad=0,rounding_size=0.006", **card))
+    keys = [lines.Line2D([], [], color=ink, linewidth=2, label=name) for name, ink in INKS.items()]
+    figure.legend(handles=keys, loc="upper left", ncols=3, frameon=False, fontsize=13, labelcolor=INK)
+    figure.savefig(picture, dpi=100, facecolor=PAPER)
+    pyplot.close(figure)
+
+
+def settle(axis: Any, title: str) -> None:
+    """Grid, numbers and title of a report's chart."""
+
+    def short(value: float, _at: int) -> str:
+        unit, letter = (1e6, "M") if value >= 1e6 else (1e3, "k") if value >= 1e3 else (1, "")
+        return f"{value / unit:g}{letter}"
+
+    axis.set_title(title, fontsize=13, fontweight="bold", loc="left", color=INK, pad=14)
+    axis.set_facecolor("white")
+    axis.spines[:].set_visible(False)
+    axis.grid(color=LINE)
+    axis.set_axisbelow(True)
+    axis.tick_params(labelsize=11, length=0, labelcolor=SOFT)
+    axis.xaxis.set_major_formatter(short)
+    axis.locator_params(nbins=5)
+    axis.set_xlabel("frames", fontsize=11, color=SOFT)
+    axis.set_xlim(left=0)
+    axis.margins(x=0)
 
 
 def fetch(folder: Path) -> None:
@@ -465,7 +494,7 @@ def main() -> None:
     all_well = run_all([job for job in jobs if job not in done], options, measure)
     print(table(runs := read(options)))
     if options.picture:
-        draw(runs, options.picture)
+        draw([run for run in runs if run["task"] in tasks], options.picture)
     sys.exit(not all_well)
 
 

@@ -1,6 +1,6 @@
 // The pages of one episode, and of two side by side.
 
-import { app, command, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
+import { app, ask, command, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { Chart, look } from "./chart.js";
 import { legend } from "./curves.js";
 import { film, kinds } from "./film.js";
@@ -129,6 +129,22 @@ function channelCurves({ episode: { task, moments } }, signal) {
   return charts;
 }
 
+/** A film that is longer than its steps shows their last picture for so many seconds more. */
+const FILM_RESTS_S = 2;
+
+/** The film that its own environment drew, at the step that is shown: as a picture of that; an animated one runs by itself. */
+async function drawnFilm({ run, key, last, signal }) {
+  const blob = await (await ask(`/api/runs/${encodeURIComponent(run)}/episodes/${key}/film`, { signal })).blob();
+  const address = URL.createObjectURL(blob);
+  signal.addEventListener("abort", () => URL.revokeObjectURL(address));
+  const isVideo = blob.type === "video/mp4";
+  const view = isVideo ? h("video", { src: address, muted: true, playsInline: true, "aria-label": "What its own environment drew" }) : h("img", { src: address, alt: "What its own environment drew" });
+  const show = (step) => { if (view.duration) view.currentTime = ((step + 0.5) * (view.duration - FILM_RESTS_S)) / (last + 1); };
+  if (isVideo) await new Promise((ready) => { view.onloadedmetadata = ready; view.onerror = ready; });
+  const save = h("a", { href: address, download: `${run}-${key}.${isVideo ? "mp4" : "png"}`, class: "small" }, "Save film");
+  return { element: h("figure", { class: "card drawn" }, h("figcaption", {}, h("span", {}, "What its environment drew"), save), view), show };
+}
+
 /** `named`: told what the episode is called. */
 export async function showEpisode(root, run, key, query, signal, named) {
   named(key);
@@ -137,14 +153,15 @@ export async function showEpisode(root, run, key, query, signal, named) {
   const stage = await Stage.open(run, key, signal, (why) => { opened.words.textContent = why; });
   named(stage.called());
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
-  const { film } = stage.episode;
+  const { film, filmed } = stage.episode;
   const curves = stage.isPictured ? [] : channelCurves(stage, signal);
-  player.shown = (step) => curves.forEach((one) => one.show(step));
+  const drawn = filmed ? await drawnFilm(stage) : null;
+  player.shown = (step) => [drawn, ...curves].forEach((one) => one?.show(step));
   if (!stage.isPictured) replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
-      h("div", { class: "stack" }, player.element, h("section", { class: "card" }, stage.words, stage.parts)),
+      h("div", { class: "stack" }, drawn?.element, player.element, h("section", { class: "card" }, stage.words, stage.parts)),
       h("div", { class: "side" }, h("section", { class: "card" }, stage.channels), curves.map(({ element }) => element))),
-    film && h("p", { class: "small soft" }, "its film, drawn by its own environment: ", command(film)));
+    film && !filmed && h("p", { class: "small soft" }, "its film, drawn by its own environment: ", command(film)));
   else replace(root, stage.title(), stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },

@@ -74,7 +74,7 @@ export async function showEpisodes(root, run, query, signal) {
 
   const kind = (word, successes) => (successes.indexOf(word) === 0 ? "good" : successes.includes(word) ? "warn" : word === "failure" ? "bad" : "soft");
   /** A figure: of a share whether it is so. */
-  const figure = (value, { is_share: share, name }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, Number.isInteger(value) && !name.endsWith("_m") ? 0 : 3));
+  const figure = (value, { is_share: share, name }) => (value === undefined ? "–" : share ? (value ? "yes" : "no") : number(value, name.endsWith("_m") ? 3 : Number.isInteger(value) ? 0 : 2));
   const row = (each, page, columns) => {
     const { successes, elsewhere, targets } = page;
     const address = each.key && `#/run/${encoded}/episode/${each.key}`;

@@ -69,7 +69,7 @@ export const headed = (name) => words(name).replace(/ (m|s|rad)$/, " ($1)");
 
 /** Numbers of a channel as people read them. */
 export function quantity({ name, unit, names, dtype }, numbers, named = true) {
-  const one = (value) => names?.[value] ?? (dtype.startsWith("f") ? value.toFixed(3) : String(value));
+  const one = (value) => names?.[value] ?? minus(dtype.startsWith("f") ? value.toFixed(3) : String(value));
   return `${named ? `${words(name, unit)} ` : ""}${numbers.map(one).join(", ")}${unit ? ` ${unit}` : ""}`;
 }
 

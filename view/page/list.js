@@ -5,11 +5,14 @@ import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
 
-/** A run's name, after that of its suite; that of an evaluation in a run's folder after both. */
-export function named({ suite, id, folder }) {
-  const [run, evaluation] = folder?.match(/([^/]+)\/evaluations\/([^/]+)$/)?.slice(1) ?? [id];
-  return [suite, run, evaluation].filter(Boolean).join(" / ");
+/** A run's name, after that of its suite, if that is not said beside it; that of an evaluation in a run's folder after both. */
+export function named({ suite, id, folder }, isBeside = false) {
+  const [, run, evaluation] = folder?.match(/([^/]+)(?:\/evaluations\/([^/]+))?$/) ?? [];
+  return [isBeside ? null : suite, suite || evaluation ? run : id, evaluation].filter(Boolean).join(" / ");
 }
+
+/** Where the page of a run's suite is. */
+export const suiteAddress = ({ suite, suite_standing: standing }) => `#/suite/${encodeURIComponent(suite)}${standing ? `?folder=${encodeURIComponent(standing.folder)}` : ""}`;
 
 /** What it trains or evaluates. */
 export const about = ({ task, preset, seed }) => [task, preset, `seed ${seed}`].filter(Boolean).join(" · ");
@@ -20,7 +23,7 @@ export function progress(share, label) {
 }
 
 /** The run in whose folder an evaluation lies, if it is one of these. */
-const runOf = ({ evaluation, folder }, cards) => (evaluation ? cards.find((run) => !run.evaluation && folder.startsWith(`${run.folder}/`)) : undefined);
+export const runOf = ({ evaluation, folder }, cards) => (evaluation ? cards.find((run) => !run.evaluation && folder.startsWith(`${run.folder}/`)) : undefined);
 
 /** Each suite and each run with what is of it, evaluations after their run; in the order of the suites' first rows and of the runs. */
 function groups(cards) {
@@ -34,12 +37,12 @@ function groups(cards) {
 }
 
 /** Means over the seeds of each kind of a suite's runs: of its evaluations, or of training where it has none. */
-function means(group) {
+export function means(group) {
   const ended = group.filter((card) => card.evaluation && card.state === "complete");
   const kinds = new Map();
   const cards = ended.length ? ended : group.filter((card) => !card.evaluation && !card.problem);
   for (const card of cards.sort((one, other) => one.created_unix_s - other.created_unix_s)) {
-    const [run, evaluation] = named({ ...card, suite: null }).split(" / ");
+    const [run, evaluation] = named(card, true).split(" / ");
     const what = run.endsWith(`-${card.seed}`) ? run.slice(0, -`-${card.seed}`.length) : run;
     const key = JSON.stringify([what, evaluation]);
     kinds.set(key, [...kinds.get(key) ?? [], card]);
@@ -49,12 +52,12 @@ function means(group) {
     const [{ metrics }] = seeds;
     const over = (name) => { const known = seeds.map(({ figures }) => figures[name]).filter((value) => value !== undefined); return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : undefined; };
     const figures = Object.fromEntries(metrics.map(({ name, quotient }) => [name, quotient ? over(quotient[0]) / over(quotient[1]) : over(name)]));
-    return { what, of: `mean of ${seeds.length} ${seeds.length === 1 ? "seed" : "seeds"}, ${evaluation ?? "training"}`, metrics, figures };
+    return { what, evaluation, seeds, of: `mean of ${seeds.length} ${seeds.length === 1 ? "seed" : "seeds"}, ${evaluation ?? "training"}`, metrics, figures };
   });
 }
 
 /** The metrics of these, those of more runs first; then in the order of the oldest run: a new run moves few. */
-function columnsOf(cards) {
+export function columnsOf(cards) {
   const all = [...cards].sort((one, other) => one.created_unix_s - other.created_unix_s).flatMap((card) => card.metrics.map(({ label }) => label));
   const many = (label) => all.filter((each) => each === label).length;
   return [...new Set(all)].sort((one, other) => many(other) - many(one));
@@ -108,8 +111,8 @@ export async function showList(root, query, signal) {
     return h("td", { "data-head": label, class: `number${at > 1 ? " optional" : ""}${lacks ? " lacking" : ""}` }, metric && figure(metric, card.figures[metric.name]));
   });
   const mean = (one) => h("tr", {}, h("td", {}), h("td", { style: { "padding-left": "1.5rem" } }, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
-  const heading = ({ id, suite, suite_standing: { counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
-    h("b", {}, `suite ${suite}`), `: ${counts}`, report && [" · ", h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: report }, "report")]));
+  const heading = ({ id, suite, suite_standing: { folder, counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
+    h("a", { href: suiteAddress({ suite, suite_standing: { folder } }) }, `suite ${suite}`), `: ${counts}`, report && [" · ", h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: report }, "report")]));
   const row = (card) => {
     const box = h("input", {
       type: "checkbox", checked: chosen.has(card.id), "aria-label": `Choose ${card.id}`,
@@ -122,7 +125,7 @@ export async function showList(root, query, signal) {
     });
     const isNested = runOf(card, cards) !== undefined;
     const indent = (card.suite_standing ? 1.5 : 0) + (isNested ? 1.5 : 0);
-    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card.suite_standing ? { ...card, suite: null } : card));
+    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card, Boolean(card.suite_standing)));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const isWhole = card.state === "complete" && card.done >= card.budget;

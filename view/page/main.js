@@ -6,6 +6,7 @@ import { showRun, showTogether } from "./run.js";
 import { showEpisodes } from "./episodes.js";
 import { showEpisode, showCompare } from "./episode.js";
 import { showPlay } from "./play.js";
+import { showSuite } from "./suite.js";
 
 const content = document.getElementById("content");
 const crumbs = document.getElementById("crumbs");
@@ -51,6 +52,9 @@ async function show() {
     } else if (!kind) {
       title("Runs", []);
       await showList(root, query, signal);
+    } else if (kind === "suite" && runs) {
+      title(`suite ${runs}`, [crumb(`suite ${runs}`)]);
+      await showSuite(root, runs, query, signal);
     } else if (kind === "run" && what === "episodes") {
       title(`Episodes of ${first}`, [crumb(first, run), crumb("episodes")]);
       await showEpisodes(root, first, query, signal);

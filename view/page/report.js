@@ -15,14 +15,14 @@ function fieldName(key) {
 const FEW = 50;
 const SHARE = { kind: "share" };
 const heading = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
-const range = (one, { low, high }) => [low, high].map((value) => bare(one, value).replace("%", "")).join("\u00a0–\u00a0");
+export const range = (one, { low, high }) => [low, high].map((value) => bare(one, value).replace("%", "")).join("\u00a0–\u00a0");
 const over = (value, below) => [value, below ? h("small", {}, below) : null];
 /** A figure with its interval beneath. */
 const estimate = (one, { point, interval }) => over(bare(one, point), interval && range(one, interval));
 
 /** A metric's mean in a result, and the way of its interval: of a share of one seed, or of seeds that all agree, Wilson's over
  * the episodes; of another figure of one seed that of its evaluation. */
-function meanOf({ metrics, rates, intervals = {} }, { name }) {
+export function meanOf({ metrics, rates, intervals = {} }, { name }) {
   const { mean } = metrics[name];
   const found = [[mean.interval, "of several seeds from a bootstrap"], [rates[name]?.interval, "of a share of one seed, or of seeds that agree, Wilson's over the episodes"], [intervals[name], "of a mean that is no share from a bootstrap over the episodes of one seed"]];
   const [interval, way] = found.find(([one]) => one) ?? [];
@@ -173,17 +173,20 @@ class Page {
     const further = ([task, found]) => {
       const columns = this.report.tasks[task].described.filter(({ name, label }) => label && !found[0].result.metrics[name]);
       const row = ({ group, result: { field, pooled } }) => [group.label, fieldName(field), ...columns.map((one) => bare(one, pooled[one.name]))];
-      return [table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row))), this.docs(columns, task)];
+      return table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row)));
     };
     return section("results", "Results", fields,
       says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds agree, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
         : `Means over ${this.samples(this.fields[0])}, of one seed.${this.hasRates ? " The 95% interval of a share is Wilson's over the episodes of this seed alone." : ""}${this.results.some(({ result: { intervals } }) => intervals) ? " The 95% interval of another mean is from a bootstrap over them." : ""}`),
-      this.byTask(this.results).map(([task, [{ result }]]) => this.docs(this.printed(task, result), task)),
-      h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further));
+      h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further),
+      this.byTask(this.results).map(([task]) => this.docs(task)));
   }
 
-  /** What the task says of these figures. */
-  docs(described, task) { return described.length ? h("details", {}, h("summary", { class: "small" }, `What the columns mean${Object.keys(this.report.tasks).length > 1 ? `, ${words(task)}` : ""}`), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))) : null; }
+  /** What the task says of its figures. */
+  docs(task) {
+    const described = this.report.tasks[task].described.filter(({ label }) => label);
+    return described.length ? h("details", {}, h("summary", { class: "small" }, `What the columns mean${Object.keys(this.report.tasks).length > 1 ? `, ${words(task)}` : ""}`), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))) : null;
+  }
 
   /** The paper's row that a group stands beside. */
   published(group, field) {

@@ -3,7 +3,7 @@
 import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
 import { bytes, count, date, duration, figure, number, outcome, percent, reached, kitchenName, short, words } from "./format.js";
-import { about, named, progress, stateWord } from "./list.js";
+import { about, named, progress, stateWord, suiteAddress } from "./list.js";
 import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
 /** From this share on the recordings are read: of a run at work there are always new ones. */
@@ -12,7 +12,7 @@ const READ = 0.999;
 const LONG = 9;
 
 /** The curves of one run: columns that grow. */
-class Columns {
+export class Columns {
   constructor(run) { Object.assign(this, { run, name: run, edition: 0, frames: [], stage: [], elapsed_s: [], series: {}, stages: [], metrics: [], paper: {}, newest: {} }); }
 
   /** Asks for what is new; whether there was anything. */
@@ -291,28 +291,34 @@ function evaluations(cards, { folder }) {
     h("tbody", {}, own.map(row)))));
 }
 
+/** What runs have come to, a line each; of one of a suite that has not begun its name and `standing`. `isBeside`: the suite is said. */
+export function overview(cards, isBeside = false) {
+  const labels = [...new Set(cards.flatMap(({ metrics }) => metrics.map(({ label }) => label)))];
+  const state = ({ state: own, standing, done, budget, evaluation, left_s: left }) => {
+    const [word, why] = standing?.split(/: (.*)/s) ?? [own];
+    return [stateWord(word), why && h("div", { class: "bad small" }, why), budget && h("div", { class: "faint small whole" }, `${count(done)} of ${count(budget)} ${evaluation ? "episodes" : "frames"}${own === "running" && left !== null ? `, ${duration(left)} left` : ""}`)];
+  };
+  const row = (card) => h("tr", {},
+    h("td", card.evaluation ? { style: { "padding-left": "1.5rem" } } : {}, card.preset ? [h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card, isBeside)), h("div", { class: "faint small" }, about(card))] : card.id),
+    h("td", { "data-head": "Progress" }, state(card)),
+    labels.map((label) => { const metric = card.metrics.find((each) => each.label === label); return h("td", { class: "number", "data-head": label }, metric && figure(metric, card.figures[metric.name])); }));
+  return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "The runs" },
+    h("thead", {}, h("tr", {}, ["Run", "Progress", ...labels].map((head, at) => h("th", { scope: "col", class: at > 1 ? "number" : null }, head)))),
+    h("tbody", {}, cards.map(row))));
+}
+
 /** Several runs: what they have come to, a line each, and their curves over each other. */
 export async function showTogether(root, runs, signal) {
   const columns = runs.map((run) => new Columns(run));
   const curves = new Curves(columns, { signal });
-  const table = h("table", { class: "tight fold", "aria-label": "The runs" });
+  const table = h("section", { class: "card" });
   const notes = h("div", {});
-  replace(root, h("h1", {}, runs.join(", ")), notes, h("section", { class: "card scroll" }, table), curves.element);
+  replace(root, h("h1", {}, runs.join(", ")), notes, table, curves.element);
   every(5000, signal, async () => {
     try {
       const cards = await json("/api/runs", { signal });
       const own = runs.map((run) => cards.find(({ id }) => id === run)).filter((card) => card && !card.problem);
-      const labels = [...new Set(own.flatMap(({ metrics }) => metrics.map(({ label }) => label)))];
-      const cell = ({ metrics, figures: known }, label) => {
-        const metric = metrics.find((each) => each.label === label);
-        return metric ? figure(metric, known[metric.name]) : "";
-      };
-      replace(table,
-        h("thead", {}, h("tr", {}, ["Run", "Progress", ...labels].map((head, at) => h("th", { scope: "col", class: at === 1 ? "optional" : at ? "number" : null }, head)))),
-        h("tbody", {}, own.map((card) => h("tr", {},
-          h("td", {}, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card)), h("div", { class: "faint small" }, about(card))),
-          h("td", { class: "optional", "data-head": "Progress" }, stateWord(card.state), h("div", { class: "faint small" }, `${count(card.done)} of ${count(card.budget)}`)),
-          labels.map((label) => h("td", { class: "number", "data-head": label }, cell(card, label)))))));
+      replace(table, overview(own));
       if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw();
       replace(notes);
     } catch (error) {
@@ -356,7 +362,7 @@ export async function showRun(root, run, signal) {
   };
   const take = (live) => {
     update("head", head, [live.card.state, subject], () => [
-      h("div", { class: "row" }, h("h1", {}, named(live.card)), stateWord(live.card.state), h("span", { class: "soft small" }, live.card.evaluation ? ["evaluation", subject && [" of ", h("a", { href: `#/run/${encodeURIComponent(subject)}` }, subject)], " · "] : null, about(live.card))),
+      h("div", { class: "row" }, h("h1", {}, live.card.suite && [h("a", { href: suiteAddress(live.card) }, live.card.suite), " / "], named(live.card, true)), stateWord(live.card.state), h("span", { class: "soft small" }, live.card.evaluation ? ["evaluation", subject && [" of ", h("a", { href: `#/run/${encodeURIComponent(subject)}` }, subject)], " · "] : null, about(live.card))),
       h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
     update("notes", notes, [live.notes, live.go_on], () => [live.notes.map((note) => notice(note)), live.go_on && h("p", { class: "small soft" }, "go on with: ", h("code", {}, live.go_on))]);
     update("summary", summary, [live.card, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);

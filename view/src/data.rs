@@ -29,6 +29,10 @@ pub trait Runs: Send + Sync + 'static {
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
     /// The page of the report of the suite that the run is of.
     fn report(&self, run: &str) -> Result<String, Problem>;
+    /// All runs of the suite that the run is of.
+    fn suite(&self, run: &str) -> Result<Vec<SuiteRun>, Problem>;
+    /// A film that its own environment drew of an episode.
+    fn film(&self, run: &str, key: EpisodeKey) -> Result<Film, Problem>;
 }
 
 /// A recorded episode, and what its run says of it.
@@ -57,6 +61,14 @@ pub struct Made {
     /// Of those: the command that makes its film.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub film: Option<String>,
+    /// Whether that is made.
+    pub filmed: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Film {
+    pub kind: &'static str,
+    pub bytes: Vec<u8>,
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -112,6 +124,14 @@ pub struct SuiteStanding {
     pub counts: String,
     /// Path of its report's page, where there is one.
     pub report: Option<String>,
+}
+
+/// A run of a suite, which may not have begun.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct SuiteRun {
+    pub name: String,
+    /// E.g. `training`, `failed: no space`.
+    pub state: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]

@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 /// Only what this server itself sends is run, shown or asked. A report has a policy of its own.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
-                      connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+                      media-src blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 const REFUSAL: &str = "this viewer answers only with its token: open the whole address that `stillroom view` printed, \
                        or run it again and open the one that it prints\n";
 

@@ -54,9 +54,11 @@ pub fn router(runs: Arc<dyn Runs>, scene_renderers: [SceneRenderer; 2], token: A
         .route("/api/runs/{run}/live", get(follow))
         .route("/api/runs/{run}/curves", get(curves))
         .route("/api/runs/{run}/report", get(report))
+        .route("/api/runs/{run}/suite", get(suite))
         .route("/api/runs/{run}/episodes", get(episodes))
         .route("/api/runs/{run}/pairs/{other}", get(pairs))
         .route("/api/runs/{run}/episodes/{key}", get(episode))
+        .route("/api/runs/{run}/episodes/{key}/film", get(film))
         .route("/api/runs/{run}/episodes/{key}/picture", get(picture))
         .route("/api/runs/{run}/newest/{kitchen}/{environment}", get(newest))
         .fallback(|uri: Uri| async move { Refusal(StatusCode::NOT_FOUND, format!("nothing is at {}", uri.path())) });
@@ -166,6 +168,19 @@ async fn report(State(server): State<Server>, Path(run): Path<String>) -> Result
     let page = again(&page).unwrap_or(page);
     let kind = "text/html; charset=utf-8".to_owned();
     Ok(([(CONTENT_TYPE, kind), (CONTENT_SECURITY_POLICY, report_policy())], page).into_response())
+}
+
+async fn suite(State(server): State<Server>, Path(run): Path<String>) -> Result<Response, Refusal> {
+    server.answer(move |runs| runs.suite(&run)).await
+}
+
+async fn film(
+    State(server): State<Server>,
+    Path((run, key)): Path<(String, String)>,
+) -> Result<impl IntoResponse, Refusal> {
+    let key: EpisodeKey = key.parse()?;
+    let film = server.readings.read(move |runs| runs.film(&run, key)).await?;
+    Ok(([(CONTENT_TYPE, film.kind)], film.bytes))
 }
 
 fn understood<T>(query: Result<Query<T>, QueryRejection>) -> Result<T, Refusal> {

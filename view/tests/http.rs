@@ -12,7 +12,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use view::data::{
-    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Made, Pairs, Problem, Recorded, Runs, Source,
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Film, Live, Made, Pairs, Problem, Recorded, Runs, Source,
+    SuiteRun,
 };
 use view::{Settings, serve};
 
@@ -75,7 +76,7 @@ impl Runs for One {
             start: Vec::new(),
         };
         let setup = ReplaySetup { config: String::new(), folder: None, images: None };
-        let made = Made { number: 7, reward: Some("r_prime".to_owned()), elsewhere: false, film: None };
+        let made = Made { number: 7, reward: Some("r_prime".to_owned()), elsewhere: false, film: None, filmed: false };
         self.read(run, Recorded { source: Source::Actions { setup, episode: Box::new(episode) }, made })
     }
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem> {
@@ -87,6 +88,12 @@ impl Runs for One {
             run,
             view::page::report("{\"seeds\":7}", "an older page").replace("<style>", "<script>alert(1)</script><style>"),
         )
+    }
+    fn suite(&self, run: &str) -> Result<Vec<SuiteRun>, Problem> {
+        self.read(run, vec![SuiteRun { name: "b".to_owned(), state: "waiting".to_owned() }])
+    }
+    fn film(&self, run: &str, key: EpisodeKey) -> Result<Film, Problem> {
+        self.read(run, Film { kind: "video/mp4", bytes: key.to_string().into_bytes() })
     }
 }
 
@@ -210,7 +217,13 @@ fn an_episode_comes_with_its_number_in_the_table_and_the_reward_of_its_stage() {
     let episode = server.get("/api/runs/a/episodes/1-0-99");
     assert_eq!(episode.status, 200, "{episode:?}");
     assert!(episode.body.contains("\"outcome\":\"failure\""), "{episode:?}");
-    assert!(episode.body.ends_with("\"number\":7,\"reward\":\"r_prime\",\"elsewhere\":false}"), "{episode:?}");
+    assert!(
+        episode.body.ends_with("\"number\":7,\"reward\":\"r_prime\",\"elsewhere\":false,\"filmed\":false}"),
+        "{episode:?}"
+    );
+    let film = server.get("/api/runs/a/episodes/1-0-99/film");
+    assert!(film.head.contains("content-type: video/mp4") && film.body == "1-0-99", "{film:?}");
+    assert_eq!(server.get("/api/runs/a/episodes/1-0/film").status, 404);
 }
 
 /// A report lies in a folder that can be anybody's: no script of theirs runs, and none is answered without the token.
@@ -227,6 +240,7 @@ fn a_report_is_shown_under_a_policy_of_its_own() {
     assert!(scripts.split(' ').all(|source| source.starts_with("'sha256-")), "{scripts}");
     assert_eq!(report.head.matches("content-security-policy").count(), 1);
     assert_eq!(server.get("/api/runs/b/report").status, 404);
+    assert_eq!(server.get("/api/runs/a/suite").body, "[{\"name\":\"b\",\"state\":\"waiting\"}]");
 }
 
 #[test]

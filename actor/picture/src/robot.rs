@@ -1,4 +1,4 @@
-//! The robot as pictures from outside show it: a base, a mast with a head, an arm with joints, and a gripper.
+//! The robot as pictures from outside show it: a base, a mast with a head, an arm with joints, and a magnet.
 //!
 //! Only people see it so. What collides, and what the depth camera sees, are the capsules of
 //! [`simulator::robot::links`]; each piece lies in or at one of them.
@@ -8,7 +8,7 @@ use super::palette;
 use rapier3d::math::{Pose3, Rot3, Vec3};
 use simulator::robot::links::{HAND, PartPoses, part_shapes};
 use simulator::shape::{Part, Primitive, Shape};
-use std::f32::consts::FRAC_1_SQRT_2;
+use std::f32::consts::{FRAC_1_SQRT_2, PI};
 
 const DARK: Rgb = [62, 66, 74];
 const LIGHT: Rgb = [212, 214, 218];
@@ -24,6 +24,14 @@ const SHADOW: f32 = 0.5;
 const SHADOW_M: f32 = 0.3;
 /// How far from the base's underside the floor is, metres.
 const FLOOR_M: f32 = 0.05;
+/// Of the magnet, whose core is smaller and which reaches further, metres.
+const BALL_M: f32 = 0.052;
+/// A link's shadow is that of so many balls along it, and so much deeper than an even sky's, since lamps hang above.
+const BALLS: u8 = 6;
+const DEEPER: f32 = 1.6;
+/// The share of the light that all of them take at most, and how far they are minded, metres.
+const TAKEN_MOST: f32 = 0.55;
+const MINDED_M: f32 = 0.5;
 
 pub struct Piece {
     pub shape: Shape,
@@ -40,18 +48,42 @@ fn capsule(part: &Shape) -> (f32, f32) {
     }
 }
 
-/// Share of the light on a place that the base leaves, by the place and its normal: it darkens the floor about it.
+/// Share of the light on a place that the robot leaves, by the place and its normal: its base darkens the floor about
+/// it, its arm what is below it.
 pub fn shadow(poses: &PartPoses) -> impl Fn(Vec3, Vec3) -> f32 + use<> {
     let (radius_m, half_height_m) = capsule(&part_shapes()[0]);
     let middle = poses[0].translation;
+    let arm = balls(poses);
+    let (low, high) = arm.iter().fold((arm[0].0, arm[0].0), |(low, high), (at, _)| (low.min(*at), high.max(*at)));
     move |place, normal| {
+        let is_near = (place - place.clamp(low, high)).length_squared() < MINDED_M * MINDED_M;
+        let taken: f32 = arm.iter().filter(|_| is_near).map(|(at, size)| covers(*at - place, normal, *size)).sum();
         let way = place - middle;
-        if normal.y < 0.9 || (way.y + half_height_m + radius_m).abs() > FLOOR_M {
-            return 1.0;
-        }
-        let near = 1.0 - (libm::hypotf(way.x, way.z) - radius_m) / SHADOW_M;
-        1.0 - SHADOW * near.clamp(0.0, 1.0).powi(2)
+        let is_floor = normal.y >= 0.9 && (way.y + half_height_m + radius_m).abs() <= FLOOR_M;
+        let near = if is_floor { 1.0 - (libm::hypotf(way.x, way.z) - radius_m) / SHADOW_M } else { 0.0 };
+        (1.0 - (DEEPER * taken).min(TAKEN_MOST)) * (1.0 - SHADOW * near.clamp(0.0, 1.0).powi(2))
     }
+}
+
+/// The share of an even sky that a ball of this squared radius covers, weighted by its slant.
+fn covers(way: Vec3, normal: Vec3, size_m2: f32) -> f32 {
+    let far_m2 = way.length_squared().max(size_m2);
+    normal.dot(way).max(0.0) * size_m2 / (far_m2 * far_m2.sqrt())
+}
+
+/// The arm as balls: where each is, and its squared radius, so that together they cover what the links cover.
+fn balls(poses: &PartPoses) -> Vec<(Vec3, f32)> {
+    let links = part_shapes().into_iter().zip(poses).take(HAND).skip(1);
+    let mut balls: Vec<_> = links
+        .flat_map(|(shape, pose)| {
+            let (radius_m, half_m) = capsule(&shape);
+            let step_m = 2.0 * half_m / f32::from(BALLS);
+            let size_m2 = 2.0 * LINK * radius_m * step_m / PI;
+            (0..BALLS).map(move |at| (*pose * Vec3::new(0.0, 0.0, -step_m * (f32::from(at) + 0.5)), size_m2))
+        })
+        .collect();
+    balls.push((poses[HAND].translation, BALL_M * BALL_M));
+    balls
 }
 
 pub fn pieces() -> Vec<Piece> {
@@ -81,14 +113,11 @@ pub fn pieces() -> Vec<Piece> {
         }
         let middle = Pose3::from_parts(Vec3::new(0.0, 0.0, -half_m), along_z);
         add(part, Primitive::Capsule { radius_m: LINK * thick_m, half_height_m: half_m }, middle, LIGHT);
-        add(part, Primitive::Sphere { radius_m: thick_m }, up(0.0), palette::ROBOT);
+        if part + 1 < HAND {
+            add(part, Primitive::Sphere { radius_m: thick_m }, up(0.0), palette::ROBOT);
+        }
     }
-
-    let size = |x: f32, y: f32, z: f32| Primitive::Cuboid { half_extents_m: Vec3::new(x, y, z) };
-    add(HAND, size(0.05, 0.02, 0.012), Pose3::translation(0.0, 0.0, 0.0), DARK);
-    for side in [-1.0, 1.0] {
-        add(HAND, size(0.009, 0.016, 0.026), Pose3::translation(side * 0.041, 0.0, 0.037), DARK);
-    }
+    add(HAND, Primitive::Sphere { radius_m: BALL_M }, up(0.0), DARK);
     pieces
 }
 
@@ -98,6 +127,16 @@ mod tests {
     use super::*;
     use simulator::robot::configuration::Configuration;
     use simulator::robot::links::part_poses;
+
+    #[test]
+    fn what_is_below_the_arm_is_darker_and_what_is_above_it_is_not() {
+        let poses = part_poses(&Configuration::start(0.0, 0.0, 0).posture()).unwrap();
+        let shadow = shadow(&poses);
+        let at = |x: f32, y: f32| shadow(poses[HAND].translation + Vec3::new(x, y, 0.0), Vec3::Y);
+        let [under, beside, far] = [0.0, 0.2, 0.8].map(|x| at(x, -0.15));
+        assert!(under < 0.9 && under < beside && beside < 1.0, "{under} {beside}");
+        assert_eq!([far, at(0.0, 0.6)], [1.0; 2]);
+    }
 
     #[test]
     fn what_is_drawn_is_where_the_robot_collides() {

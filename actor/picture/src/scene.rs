@@ -15,6 +15,7 @@ use super::visible::Visible;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::kitchen::Kitchen;
+use simulator::robot::links::PartPoses;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Where there is no room: on a light page, and on a dark one.
@@ -87,8 +88,7 @@ impl Scene {
         model.add_robot(&moment.robot, true);
         let exposure = Exposure::take(&model, &camera, width, height, background);
         let depths_m = exposure.depths_m();
-        let shadow = shadow(&moment.robot);
-        let mut picture = self.develop(exposure, fine, |lit| shadow(lit.point, lit.normal));
+        let mut picture = self.develop(exposure, fine, shadow_on(&moment.robot));
         self.haunt(&mut picture, moment, &camera, &depths_m);
         mark(&mut picture, &camera, &self.task, moment, |x, y| depths_m[y * width + x]);
         picture
@@ -213,6 +213,12 @@ impl Scene {
             lay(&model, TARGET, [0.0, TARGET_THROUGH]);
         }
     }
+}
+
+/// Share of the light that the robot leaves; on itself all.
+pub fn shadow_on(robot: &PartPoses) -> impl Fn(&Lit) -> f32 + use<> {
+    let shadow = shadow(robot);
+    move |lit| if lit.open { 1.0 } else { shadow(lit.point, lit.normal) }
 }
 
 fn slope(lit: &Lit) -> f32 {

@@ -142,7 +142,7 @@ fn crash(errors: &str) -> Option<String> {
 }
 
 /// Where Python is in what its `faulthandler` writes: the innermost call, of the user's own code if there is one.
-fn place(errors: &str) -> Option<String> {
+pub fn place(errors: &str) -> Option<String> {
     let (_, frames) = errors.split_once(" (most recent call first):")?;
     let calls = || frames.lines().filter_map(|line| line.strip_prefix("  File \""));
     let is_own = |call: &&str| !call.contains("/site-packages/") && !call.starts_with('<');

@@ -75,11 +75,12 @@ impl Standing {
     /// The folder of each run, in the order of the suite's file, and what it is at.
     pub fn each(&self) -> Vec<(PathBuf, String)> {
         let runs = self.folder.root().join("runs");
-        self.in_order().into_iter().map(|(name, status)| (runs.join(name), self.text(status))).collect()
+        self.runs().into_iter().map(|[name, state]| (runs.join(name), state)).collect()
     }
 
-    fn text_of(&self, runs: &[(&String, &Status)]) -> String {
-        runs.iter().map(|(name, status)| format!("{name} {}", self.text(status))).collect::<Vec<_>>().join(", ")
+    /// Each run's name, and what it is at.
+    pub fn runs(&self) -> Vec<[String; 2]> {
+        self.in_order().into_iter().map(|(name, status)| [name.clone(), self.text(status)]).collect()
     }
 
     /// Where the run of this folder, or of this folder of an evaluation, stands in the order of the suite's file; and in a
@@ -93,7 +94,7 @@ impl Standing {
             let status = self.text(&self.runs.get(name)?.status);
             Some(format!("suite {}: run {number} of {}, {status}", self.name, self.runs.len()))
         };
-        format!("{}\n{}", of_run().unwrap_or_else(|| self.summary()), self.text_of(&runs))
+        format!("{}\n{}", of_run().unwrap_or_else(|| self.summary()), self.runs().iter().map(|run| run.join(" ")).collect::<Vec<_>>().join(", "))
     }
 
     /// Its report's page, where there is one.

@@ -51,9 +51,10 @@ pub fn recorder_stands_still(rank: u32, waited_s: f64) -> String {
     )
 }
 
-/// Where an actor was in the code of others, the last line of one that has not said itself why it died.
-pub fn last_call(place: LastPlace) -> String {
-    format!("{LAST_CALL}{place}")
+/// Where an actor was in the code of others, the last line of one that has not said itself why it died. `at`: in which
+/// line of Python.
+pub fn last_call(place: LastPlace, at: Option<&str>) -> String {
+    format!("{LAST_CALL}{place}{}", at.map_or_else(String::new, |at| format!(", at {at}")))
 }
 
 pub fn actor_died(who: &str, exit: &Exit, last_words: &[String], next: u32) -> String {

@@ -7,6 +7,7 @@
 
 use super::event::{Event, Exit, Process};
 use super::messages::{last_call, of_environment};
+use crate::environment::describe::place;
 use crate::output::log_line::LogLine;
 use crate::preflight::placement::{Placement, start_on};
 use crate::preflight::programs::Programs;
@@ -18,7 +19,7 @@ use proto::hosts::MEETING_KEY;
 use proto::plain_file::open_plain;
 use proto::run_folder::RunFolder;
 use rustix::io::{FdFlags, fcntl_setfd};
-use rustix::process::{Pid, Signal, kill_process_group};
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -44,6 +45,7 @@ const LAST_WORDS: usize = 10;
 const LONGEST_LINE: usize = 64 << 10;
 /// After a child's death its pipes close at once, unless a grandchild holds them.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
+const TRACE_WITHIN: Duration = Duration::from_millis(500);
 
 #[derive(Debug, Clone)]
 pub struct Launch {
@@ -252,10 +254,15 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
             status = child.wait() => break status,
             order = &mut killed, if may_be_killed => {
                 may_be_killed = false;
-                if order.is_ok()
-                    && let Err(error) = child.start_kill()
-                {
-                    tracing::debug!("cannot kill {process}: {error}");
+                if order.is_ok() {
+                    if let (Some(_), Some(id)) = (&notes, group) {
+                        // Python writes down where it is. Other programs ignore it.
+                        let _ = kill_process(id, Signal::USR1);
+                        let _ = tokio::time::timeout(TRACE_WITHIN, child.wait()).await;
+                    }
+                    if let Err(error) = child.start_kill() {
+                        tracing::debug!("cannot kill {process}: {error}");
+                    }
                 }
             }
         }
@@ -268,9 +275,9 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
     if let Some(stdout) = stdout {
         let _ = tokio::time::timeout(PIPES_CLOSE, stdout).await;
     }
-    let mut last_words = match stderr {
+    let (mut last_words, trace) = match stderr {
         Some(stderr) => tokio::time::timeout(PIPES_CLOSE, stderr).await.ok().and_then(Result::ok).unwrap_or_default(),
-        None => Vec::new(),
+        None => Default::default(),
     };
     let exit = match status {
         Ok(status) => exit_of(status),
@@ -278,7 +285,7 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
     };
     let has_said_why = last_words.iter().any(|line| LogLine::parse(line).level == Some(Level::ERROR));
     if !has_said_why && let Some(noted) = notes.and_then(|(folder, actor)| Noted::read(&folder, actor)) {
-        last_words.push(last_call(noted.place));
+        last_words.push(last_call(noted.place, place(&trace).as_deref()));
     }
     tracing::debug!("{process} ended: {exit}");
     let _ = events.send(Event::Exited { process, incarnation, exit, last_words }).await;
@@ -313,11 +320,17 @@ async fn hear(stdout: impl AsyncRead + Unpin, process: Process, incarnation: u32
     }
 }
 
-/// Copies a child's standard error to its log; returns its last lines. `quiet`: what others' code prints, which is no log
-/// line, does not go to the terminal.
-async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: File, quiet: bool) -> Vec<String> {
+/// Copies a child's standard error to its log; returns its last lines, and the last trace of Python's `faulthandler` in
+/// it. `quiet`: what others' code prints, which is no log line, does not go to the terminal.
+async fn keep_log(
+    stderr: impl AsyncRead + Unpin,
+    process: Process,
+    mut log: File,
+    quiet: bool,
+) -> (Vec<String>, String) {
     let mut reader = BufReader::new(stderr);
     let mut last_words = VecDeque::with_capacity(LAST_WORDS);
+    let mut trace = String::new();
     let mut log_works = true;
     while let Some(line) = next_line(&mut reader).await {
         if log_works && let Err(error) = writeln!(log, "{line}") {
@@ -334,7 +347,17 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
                 tracing::debug!("{process}: {text}");
             }
             LogLine { level: Some(Level::ERROR), text } => tracing::error!("{process}: {text}"),
-            LogLine { level: None, text } if quiet => tracing::debug!("{process}: {text}"),
+            LogLine { level: None, text } if quiet => {
+                tracing::debug!("{process}: {text}");
+                // Not of another thread.
+                let begins = text.ends_with(" (most recent call first):") && !text.starts_with("Thread ");
+                if begins {
+                    trace.clear();
+                }
+                if begins || !trace.is_empty() && trace.len() < LONGEST_LINE {
+                    trace.extend([text, "\n"]);
+                }
+            }
             LogLine { text, .. } if !text.trim().is_empty() => tracing::warn!("{process}: {text}"),
             LogLine { .. } => {}
         }
@@ -343,7 +366,7 @@ async fn keep_log(stderr: impl AsyncRead + Unpin, process: Process, mut log: Fil
         }
         last_words.push_back(line);
     }
-    last_words.into()
+    (last_words.into(), trace)
 }
 
 async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String> {
@@ -372,6 +395,7 @@ async fn next_line(reader: &mut (impl AsyncBufReadExt + Unpin)) -> Option<String
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tokio::io::AsyncReadExt;
 
     #[test]
     fn nccl_of_several_learners_stays_on_the_machine() {
@@ -442,6 +466,35 @@ mod tests {
                 last_words: vec!["one".into(), "two".into()]
             }
         );
+    }
+
+    #[tokio::test]
+    async fn of_others_code_that_hangs_the_line_is_said() {
+        let (sender, mut events) = mpsc::channel(16);
+        let traced = "Thread 0x2 (most recent call first):\\n  File \\\"/lib.py\\\", line 1 in wait\\n\
+                      Stack (most recent call first):\\n  File \\\"/mine.py\\\", line 14 in step\\n";
+        let script = format!(r#"trap 'printf "{traced}" >&2' USR1; echo ready; while :; do sleep 0.01; done"#);
+        let mut child = Command::new("sh")
+            .args(["-c", &script])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .process_group(0)
+            .spawn()
+            .unwrap();
+        let mut ready = [0];
+        child.stdout.as_mut().unwrap().read_exact(&mut ready).await.unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let notes = RunFolder::new(folder.path());
+        std::fs::create_dir(notes.logs()).unwrap();
+        std::fs::write(notes.actor_notes(0), [5_u64, 7, 0, 0].map(u64::to_ne_bytes).as_flattened()).unwrap();
+        let (kill, killed) = oneshot::channel();
+        let child = Attended { child, process: Process::Actor(0), incarnation: 1, notes: Some((notes, 0)) };
+        tokio::spawn(attend(child, tempfile::tempfile().unwrap(), sender, killed));
+        kill.send(()).unwrap();
+        let Some(Event::Exited { exit, last_words, .. }) = events.recv().await else { panic!("no exit") };
+        assert_eq!(exit, Exit::Signal(9));
+        let call = "its last call was in environment 5, episode 0, step 7, at step() (/mine.py:14)";
+        assert_eq!(last_words.last().map(String::as_str), Some(call));
     }
 
     #[tokio::test]

@@ -20,7 +20,8 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use view::data::{
-    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Live, Pairs, Problem, Recorded, Runs, SuiteStanding,
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, Film, Live, Pairs, Problem, Recorded, Runs, SuiteRun,
+    SuiteStanding,
 };
 use watched::Watched;
 
@@ -166,6 +167,14 @@ impl RunReaders {
         })
     }
 
+    /// The folder of the suite that a run is of, and how it stands.
+    fn suite_of(&self, run: &str) -> Result<(RunFolder, Standing), Problem> {
+        let suite = self.with(run, |watched| Ok(watched.suite().map(Path::to_owned)))?;
+        let suite = suite.ok_or_else(|| Problem::NotThere(format!("{run} is of no suite")))?;
+        let standing = Standing::read(&suite).map_err(|error| Problem::Unreadable(format!("{error:#}")))?;
+        Ok((RunFolder::new(suite), standing))
+    }
+
     /// The cards of these runs, a few at a time. One that is slow, or for which no time is left, keeps its last, and those
     /// for which none was left come first the next time.
     fn cards(&self, entries: Vec<Entry>) -> Vec<Card> {
@@ -250,14 +259,22 @@ impl Runs for RunReaders {
     }
 
     fn report(&self, run: &str) -> Result<String, Problem> {
-        let suite = self.with(run, |watched| Ok(watched.suite().map(Path::to_owned)))?;
-        let page =
-            suite.as_deref().and_then(|suite| Some((RunFolder::new(suite), Standing::read(suite).ok()?.report()?)));
-        let (folder, page) =
-            page.ok_or_else(|| Problem::NotThere(format!("{run} is of no suite that has a report")))?;
+        let page = self.suite_of(run).and_then(|(folder, standing)| Ok((folder, standing.report())));
+        let (folder, Some(page)) = page? else {
+            return Err(Problem::NotThere(format!("{run} is of no suite that has a report")));
+        };
         let unreadable = |cause: String| Problem::Unreadable(format!("{}: {cause}", page.display()));
         let bytes = folder.read(&page, RESULT_BYTES_MOST).map_err(|error| unreadable(error.to_string()))?;
         String::from_utf8(bytes).map_err(|error| unreadable(error.to_string()))
+    }
+
+    fn suite(&self, run: &str) -> Result<Vec<SuiteRun>, Problem> {
+        let (_, standing) = self.suite_of(run)?;
+        Ok(standing.runs().into_iter().map(|[name, state]| SuiteRun { name, state }).collect())
+    }
+
+    fn film(&self, run: &str, key: EpisodeKey) -> Result<Film, Problem> {
+        self.with(run, move |watched| watched.film(key))
     }
 }
 

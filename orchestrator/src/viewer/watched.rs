@@ -35,8 +35,8 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use view::data::{
-    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Kitchen, Live, Made, Problem, Recorded, Results,
-    Source, Stage, Start, Validated,
+    Card, Curves, EpisodeKey, EpisodePage, EpisodeQuery, EpisodeRow, Film, Kitchen, Live, Made, Problem, Recorded,
+    Results, Source, Stage, Start, Validated,
 };
 
 /// How long recordings are read at a time: while a run is watched, each second; and for a table that somebody waits
@@ -47,6 +47,7 @@ const NEWEST: usize = 50;
 /// All logs together are read up to so many bytes; of longer ones the ends.
 const LOG_BYTES_MOST: u64 = 256 << 20;
 const POINTS_MOST: usize = 50_000_000;
+const FILM_BYTES_MOST: u64 = 256 << 20;
 
 pub struct Watched {
     entry: Entry,
@@ -335,10 +336,28 @@ impl Watched {
         let made = Made {
             number,
             elsewhere,
+            filmed: elsewhere && self.film_of(key).is_some(),
             film: film.map(|films| format!("{films} --environment {} --episode {number}", key.environment)),
             reward: shelved.and_then(|shelved| shelved.reward.as_deref()).map(str::to_owned),
         };
         Ok(Recorded { source, made })
+    }
+
+    /// Where the film of an episode lies, and what it is, if it is made: `replay` names it.
+    fn film_of(&self, key: EpisodeKey) -> Option<(PathBuf, &'static str)> {
+        let EpisodeKey { environment, episode, .. } = key;
+        let film = |(ending, kind): (&str, &'static str)| {
+            let name = format!("films/environment-{environment}-episode-{episode:06}.{ending}");
+            (self.folder.root().join(name), kind)
+        };
+        let kinds = [("mp4", "video/mp4"), ("png", "image/apng")];
+        kinds.map(film).into_iter().find(|(path, _)| self.folder.has(path))
+    }
+
+    pub fn film(&self, key: EpisodeKey) -> Result<Film> {
+        let (path, kind) = self.film_of(key).ok_or_else(|| Problem::NotThere(format!("no film is made of {key}")))?;
+        let bytes = self.folder.read(&path, FILM_BYTES_MOST).with_context(|| path.display().to_string())?;
+        Ok(Film { kind, bytes })
     }
 
     pub fn newest(&mut self, kitchen: u32, environment: u32) -> Option<EpisodeKey> {
@@ -528,6 +547,17 @@ mod tests {
     use super::*;
     use crate::training::means::tests::{history, stages};
     use crate::training::metrics;
+
+    #[test]
+    fn the_film_that_replay_made_of_an_episode_is_found_by_its_name() {
+        let (_temporary, folder) = metrics::tests::run();
+        let watched = Watched::of(Entry { id: String::new(), folder: folder.clone(), suite: None });
+        let key = EpisodeKey { kitchen: 128, environment: 1, episode: 35 };
+        assert!(watched.film(key).is_err());
+        std::fs::create_dir(folder.root().join("films")).unwrap();
+        std::fs::write(folder.root().join("films/environment-1-episode-000035.mp4"), "film").unwrap();
+        assert_eq!(watched.film(key).unwrap(), Film { kind: "video/mp4", bytes: b"film".to_vec() });
+    }
 
     /// Its orchestrator was killed before it wrote a rollout that its learner had saved.
     #[test]

@@ -162,8 +162,7 @@ def _run(
     if arguments.build:
         print(BUILD, file=answer, flush=True)
         raise SystemExit(0)
-    if arguments.describe:
-        _say_where(arguments.lifeline)
+    _say_where(arguments.lifeline, arguments.describe)
     try:
         make_env, name = found()
         if arguments.describe:
@@ -192,14 +191,13 @@ def _run(
     raise SystemExit(1)
 
 
-def _say_where(lifeline: bool) -> None:
+def _say_where(lifeline: bool, describe: bool) -> None:
     """What crashes says where; what hangs, when the orchestrator sends SIGUSR1."""
     faulthandler.enable()
-    if not lifeline:
-        return
-    faulthandler.register(signal.SIGUSR1, all_threads=False)
+    if lifeline:
+        faulthandler.register(signal.SIGUSR1, all_threads=False)
     # The lifeline ignores them, and so would processes that the environment starts and ends.
-    for request in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for request in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if lifeline and describe else ():
         signal.signal(request, signal.SIG_DFL)
 
 
