@@ -144,7 +144,9 @@ impl Table {
         };
         if !self.json {
             let head = format!("{name:14} {mark:8} ");
-            beside(&head, &as_called(&text), terminal::width()).iter().for_each(|line| terminal::out(line));
+            for line in beside(&head, &as_called(&text), terminal::width()) {
+                terminal::out(&line);
+            }
         }
         self.rows.push(Row { name: name.to_owned(), status, text });
     }

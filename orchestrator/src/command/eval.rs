@@ -395,13 +395,8 @@ fn default_folder(subject: &Subject, asked: &EvaluationConfig) -> PathBuf {
     }
     // Of a policy file, or of nothing that anybody has trained.
     let stem = asked.checkpoint.as_ref().and_then(|file| Path::new(file).file_stem());
-<<<<<<< HEAD
-    let whose = stem.map_or_else(|| format!("{}-fresh", provenance.preset), |stem| stem.to_string_lossy().into_owned());
-    Path::new(EVALUATIONS).join(name(&format!("{whose}-")))
-=======
     let whose = stem.map_or_else(|| format!("{}-fresh", subject.preset), |stem| stem.to_string_lossy().into_owned());
-    Path::new("evaluations").join(name(&format!("{whose}-")))
->>>>>>> 730c42da6dbf70da302ef8f2dfbe19dd166877fa
+    Path::new(EVALUATIONS).join(name(&format!("{whose}-")))
 }
 
 #[cfg(test)]

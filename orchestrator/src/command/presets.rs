@@ -32,7 +32,9 @@ pub fn run(args: &PresetsArgs) -> Result<()> {
         let width = group.iter().map(|preset| preset.name.len()).max().unwrap_or_default();
         for preset in group {
             let head = format!("  {:width$}  ", preset.name);
-            beside(&head, &preset.summary, Some(columns)).iter().for_each(|line| terminal::out(line));
+            for line in beside(&head, &preset.summary, Some(columns)) {
+                terminal::out(&line);
+            }
         }
     }
     Ok(())

@@ -134,9 +134,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
             let row = |[of, figures]: [String; 2]| vec![run.name.clone(), at.to_owned(), of, figures];
             results(&suite, &folder, entry).into_iter().map(row)
         });
-        for line in below_paths(&rows.collect::<Vec<_>>(), terminal::width()) {
-            terminal::out(&line);
-        }
+        print(&rows.collect::<Vec<_>>());
     }
     let tell = |page: Option<PathBuf>| {
         let page = page.map(|page| page.display().to_string());
@@ -168,7 +166,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
             terminal::note(note);
         }
         if !args.json {
-            below_paths(&files::rows(&report), terminal::width()).iter().for_each(|line| terminal::out(line));
+            print(&files::rows(&report));
         }
         tell(Some(folder.page()))?;
     }
@@ -180,6 +178,12 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         folder.state().display()
     ));
     Ok(ExitCode::FAILURE)
+}
+
+fn print(rows: &[Vec<String>]) {
+    for line in below_paths(rows, terminal::width()) {
+        terminal::out(&line);
+    }
 }
 
 fn names(suite: &Suite) -> Vec<String> {
@@ -287,23 +291,4 @@ mod tests {
         assert!(call(&all).ends_with(expected), "{}", call(&all));
         assert!(call(&["a.toml"]).ends_with(" suite a.toml"), "{}", call(&["a.toml"]));
     }
-<<<<<<< HEAD
-
-    #[test]
-    fn a_seed_stands_once() {
-        check_seeds(&[1, 2]).unwrap();
-        assert!(check_seeds(&[1, 2, 1]).unwrap_err().to_string().contains("--seed: 1 is given twice"));
-    }
-
-    #[test]
-    fn a_gpu_is_a_place_once() {
-        let list = |text: &str| text.split(',').map(str::to_owned).collect::<Vec<_>>();
-        check_gpus(&list("0,1,GPU-8f2c")).unwrap();
-        check_gpus(&[]).unwrap();
-        assert!(check_gpus(&list("all")).unwrap_err().to_string().contains("--gpus 0,1"));
-        assert!(check_gpus(&list("0,1,0")).unwrap_err().to_string().contains("twice"));
-        assert!(check_gpus(&list("0,")).unwrap_err().to_string().contains("empty"));
-    }
-=======
->>>>>>> 730c42da6dbf70da302ef8f2dfbe19dd166877fa
 }

@@ -149,7 +149,7 @@ fn kind_of(evaluation: &Evaluation) -> String {
     let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
     let mut kind = seeds.unwrap_or_else(|| place.trim_start_matches("the ").to_owned());
     if conditions.objects != ObjectSet::NoTargets {
-        kind.push_str(&format!(", {} objects", conditions.objects.name()));
+        kind = format!("{kind}, {} objects", conditions.objects.name());
     }
     if conditions.distribution == Distribution::Run {
         kind.push_str(", drawn episodes");

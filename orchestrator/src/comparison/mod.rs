@@ -109,7 +109,8 @@ fn shortened(runs: &[String]) -> Vec<String> {
     let parts = |run: &String| run.split('/').map(str::to_owned).collect::<Vec<_>>();
     let paths: Vec<Vec<String>> = runs.iter().map(parts).collect();
     let is_common = |at: usize| paths.iter().all(|path| at + 1 < path.len() && path[at] == paths[0][at]);
-    let common = Some((0..).take_while(|&at| is_common(at)).count()).filter(|&count| count > 1).unwrap_or(0);
+    let most = paths.first().map_or(0, Vec::len);
+    let common = Some((0..most).take_while(|&at| is_common(at)).count()).filter(|&count| count > 1).unwrap_or(0);
     paths.iter().map(|path| path[common..].join("/")).collect()
 }
 

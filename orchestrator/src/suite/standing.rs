@@ -94,7 +94,8 @@ impl Standing {
             let status = self.text(&self.runs.get(name)?.status);
             Some(format!("suite {}: run {number} of {}, {status}", self.name, self.runs.len()))
         };
-        format!("{}\n{}", of_run().unwrap_or_else(|| self.summary()), self.runs().iter().map(|run| run.join(" ")).collect::<Vec<_>>().join(", "))
+        let each = self.runs().iter().map(|run| run.join(" ")).collect::<Vec<_>>().join(", ");
+        format!("{}\n{each}", of_run().unwrap_or_else(|| self.summary()))
     }
 
     /// Its report's page, where there is one.

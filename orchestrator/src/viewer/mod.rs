@@ -259,7 +259,7 @@ impl Runs for RunReaders {
     }
 
     fn report(&self, run: &str) -> Result<String, Problem> {
-        let page = self.suite_of(run).and_then(|(folder, standing)| Ok((folder, standing.report())));
+        let page = self.suite_of(run).map(|(folder, standing)| (folder, standing.report()));
         let (folder, Some(page)) = page? else {
             return Err(Problem::NotThere(format!("{run} is of no suite that has a report")));
         };

@@ -7,8 +7,10 @@ use toml::{Table, Value};
 
 const STAGE: &str = "'stages=[{ name = \"I\", reward = \"r\", frames = 1000000 }]'";
 
-/// Endings of keys, the unit that they mean, and other units in it.
-const UNITS: [(&str, &str, &[(&str, f64)]); 3] = [
+/// A key's ending, the unit that it means, and other units in it.
+type Unit = (&'static str, &'static str, &'static [(&'static str, f64)]);
+
+const UNITS: [Unit; 3] = [
     ("_s", "seconds", &[("s", 1.0), ("sec", 1.0), ("m", 60.0), ("min", 60.0), ("h", 3600.0)]),
     ("_m", "metres", &[("m", 1.0), ("km", 1e3)]),
     (

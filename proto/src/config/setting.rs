@@ -237,7 +237,6 @@ mod tests {
                  `reward.lagrangian.learning_rate`?)",
             ),
             ("[ppo]\ncount = 1\n", "mine.toml:2: unknown key `count`"),
-<<<<<<< HEAD
             ("[network]\nmlp = 64\n", "mine.toml:2: network.mlp: expected a list: write 'network.mlp=[64]'"),
             ("recording = false\n", "mine.toml:1: `recording` has keys of its own: write recording.enabled=false"),
             (
@@ -248,11 +247,10 @@ mod tests {
                 "[[stages]]\nname = \"I\"\n",
                 "mine.toml:1: stages: missing key `reward`: a stage has name, reward and frames, as in 'stages=[{ name = \
                  \"I\", reward = \"r\", frames = 1000000 }]'; `--frames` scales all stages",
-=======
+            ),
             (
                 "\n[ppo]\nlerning_rate = 1e-3\n",
                 "mine.toml:3: unknown key `lerning_rate` (did you mean `learning_rate`?)",
->>>>>>> 730c42da6dbf70da302ef8f2dfbe19dd166877fa
             ),
         ] {
             assert_eq!(problem(text, &[]), expected);

@@ -103,6 +103,7 @@ const TYPED: &[(&str, &str)] = &[
     ("sweep broken.toml", "`orchestrator suite` does that"),
     ("suite broken.toml --gpus 0,0", "--gpus: 0 is given twice"),
     ("suite broken.toml --gpus 0,", "--gpus: an empty name in the list"),
+    ("suite broken.toml --gpus all", "--gpus 0,1"),
     ("suite broken.toml --seed 1,2,1", "--seed: 1 is given twice"),
     ("import nowhere.safetensors --run b", "nowhere.safetensors does not exist"),
     ("recover nowhere.mcap", "nowhere.mcap does not exist: name a recording, of a run a file in RUN/recordings"),

@@ -41,6 +41,23 @@ fn run(workshop: &Workshop, name: &str) -> Run {
     workshop.run(&format!("all/runs/{name}"))
 }
 
+/// By the commands that take a suite; the others say what to give them.
+fn a_finished_suite_is_shown(workshop: &Workshop) {
+    let listed = workshop.call(&["status", "all"]).good();
+    assert!(listed.stdout.starts_with("suite all: 3 of 3 runs done\n"), "{listed:#?}");
+    assert!(listed.stdout.contains("\ntiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
+    assert!(listed.stdout.contains("\n  suite-test-novel-6  ") && listed.stdout.contains("all/runs\n"), "{listed:#?}");
+    let compared = workshop.call(&["compare", "all", "--json"]).json();
+    assert_eq!(compared["runs"], serde_json::json!(["all/runs/tiny-5", "all/runs/tiny-6", "all/runs/after-5"]));
+    for command in ["replay", "eval", "resume", "stop", "logs", "play"] {
+        let printed = workshop.call(&[command, "all"]);
+        printed.refused("all is the folder of a suite: give one of its runs (such as all/runs/after-5; ");
+        assert_eq!(printed.status, Some(2), "{command}");
+    }
+    // One of its runs would be shown.
+    workshop.call(&["top", "all"]).refused("top draws on a terminal, and standard output is none");
+}
+
 #[test]
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
@@ -111,19 +128,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     }
     assert!(printed.stdout.contains("report      ") && printed.stdout.contains(" report "), "{printed:#?}");
     let done = state(&workshop);
-    let listed = workshop.call(&["status", "all"]).good();
-    assert!(listed.stdout.starts_with("suite all: 3 of 3 runs done\n"), "{listed:#?}");
-    assert!(listed.stdout.contains("\ntiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
-    assert!(listed.stdout.contains("\n  suite-test-novel-6  ") && listed.stdout.contains("all/runs\n"), "{listed:#?}");
-    let compared = workshop.call(&["compare", "all", "--json"]).json();
-    assert_eq!(compared["runs"], serde_json::json!(["all/runs/tiny-5", "all/runs/tiny-6", "all/runs/after-5"]));
-    for command in ["replay", "eval", "resume", "stop", "logs", "play"] {
-        let printed = workshop.call(&[command, "all"]);
-        printed.refused("all is the folder of a suite: give one of its runs (such as all/runs/after-5; ");
-        assert_eq!(printed.status, Some(2), "{command}");
-    }
-    // One of its runs would be shown.
-    workshop.call(&["top", "all"]).refused("top draws on a terminal, and standard output is none");
+    a_finished_suite_is_shown(&workshop);
     for name in ["tiny-5", "tiny-6", "after-5"] {
         assert_eq!(done["runs"][name]["status"], "done", "{done:#}");
     }
