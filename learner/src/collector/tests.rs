@@ -86,6 +86,8 @@ fn settings(column_map: ColumnMap, learner_incarnation: u32) -> Settings {
     }
 }
 
+type Change = fn(&mut ObservationHeader, &mut FakeSample);
+
 #[test]
 fn an_actor_that_disagrees_is_named() {
     let column_map = ColumnMap::new(0, 2, 2);
@@ -93,7 +95,6 @@ fn an_actor_that_disagrees_is_named() {
     let mut actor = FakeActor::new(1, 1);
     actor.restore = Some(collector.restore(1, 0));
     let sent = actor.turn(column_map).unwrap();
-    type Change = fn(&mut ObservationHeader, &mut FakeSample);
     let cases: [(Change, &str); 12] = [
         (|_, sample| sample.reals("wrist_to_object_m")[1] = f32::NAN, "wrist_to_object_m[1] is not finite"),
         (|_, sample| sample.header_mut().episode = 3, "actor 1, kitchen 3, environment 1: it is at episode 3, step 0"),
@@ -141,8 +142,10 @@ fn a_batch_has_the_goal_vector_that_was_reported() {
     assert_eq!(collector.batch(&due(&collector)).input().numbers, [0.25, -1.5, 3.0]);
 }
 
-/// A rollout's outcomes, what the policy is given in it, its figures and the boundary after it.
-fn collected(planned: usize, cut: Option<usize>) -> (Vec<(usize, usize, Outcome)>, Vec<Vec<f32>>, String, Boundary) {
+/// A rollout's outcomes by step and column, what the policy is given in it, its figures and the boundary after it.
+type Collected = (Vec<(usize, usize, Outcome)>, Vec<Vec<f32>>, String, Boundary);
+
+fn collected(planned: usize, cut: Option<usize>) -> Collected {
     let column_map = ColumnMap::new(0, 2, 3);
     let mut collector = collector(settings(column_map, 1), Boundary::start(6));
     let mut actors = [0, 1].map(|actor| FakeActor::new(actor, 1));
