@@ -27,7 +27,7 @@ pub struct TestArgs {}
 const PRESET: &str = "demo";
 const FRAMES: u64 = 4000;
 /// SHA-256 of the weights after so many frames with seed 1.
-const WEIGHTS: &str = "d773b73d287c7d6c8657c125242c9ac40ca6f883f089c5f36707384c9ea596d9";
+const WEIGHTS: &str = "0aefd082f03328f6c0e1dd03b427f60f17399b82d56017b49704908a5211a33f";
 /// Over the preset: the CPU whatever there is, few processes, and a checkpoint after each rollout.
 const SETTINGS: [&str; 4] =
     ["learner.device=cpu", "actors.count=2", "actors.environments_per_actor=4", "checkpoint.interval_s=0"];

@@ -136,7 +136,7 @@ const TYPED: &[(&str, &str)] = &[
     ("resume runs/a --frames 60", "frames already, and a budget cannot take them back"),
     ("config --set auxiliary.task=disturbance", "(did you mean `disturb`?)"),
     ("config demo --set task=pick", "tasks: arm_point_nav, point_nav"),
-    ("config --set stages.0.frames=10", "a list is set whole"),
+    ("config --set stages.0.frames=10", "a stage has name, reward and frames"),
     ("config demo --config mine.yaml", "it must be TOML"),
     ("config demo --config lr.toml", "lr.toml:2: unknown key `lr`; here it is `ppo.learning_rate=RATE`"),
     ("config demo --config epochs.toml", "epochs.toml:1: ppo.epochs = 100: must be 1 to 64"),
