@@ -139,7 +139,7 @@ pub enum BudgetError {
 }
 
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
-#[error("{total} frames cannot be divided over {stages} stages: ask for more with --frames")]
+#[error("--frames {total} cannot be divided over {stages} stages: ask for more")]
 pub struct TooFewFrames {
     pub total: u64,
     pub stages: usize,

@@ -263,5 +263,5 @@ def test_what_is_not_to_be_written_is_not(orchestrator: Path, run: Path, tmp_pat
     filtered = call(orchestrator, "export", run, "--limit", 3, "--out", tmp_path / "policy.onnx")
     assert filtered.returncode == 2 and "choose episodes" in filtered.stderr
     missing = call(orchestrator, "export", run, "--format", "npz", "--kitchen", 9, "--out", tmp_path / "none")
-    assert missing.returncode == 1 and "no kitchen 9" in missing.stderr
+    assert missing.returncode == 2 and "no kitchen 9" in missing.stderr
     assert {path.name for path in tmp_path.iterdir()} == {"mine"}, "nothing half done is left"

@@ -2,15 +2,15 @@ use crate::output::format::counted;
 use crate::run::identity::{no_folder, perhaps};
 use crate::suite;
 use crate::training::summary::Summary;
-use crate::wrong::demand;
-use anyhow::{Result, bail};
+use crate::wrong::{demand, judged, reject, wrong};
+use anyhow::{Error, Result, bail};
 use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use proto::run_folder::{RunFolder, by_number};
 use recording::episodes::{Recorded, gather};
 use recording::files_at;
-use recording::reader::RecordingError;
+use recording::reader::{RecordingError, read_with_trust};
 use recording::wanted::Wanted;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -71,7 +71,7 @@ impl Choice {
         for complaint in &recorded.complaints {
             tracing::warn!("{complaint}");
         }
-        wanted.check(&recorded.known)?;
+        judged(wanted.check(&recorded.known))?;
         let incomplete = tell_what_is_missing(&recorded, paths, self.is_all())?;
         let run = files.first().and_then(|file| RunFolder::of_recording(file));
         let folder = run.and_then(|run| Some(std::path::absolute(run.root()).ok()?.to_str()?.to_owned()));
@@ -152,7 +152,19 @@ pub fn demand_recording(path: &Path) -> Result<()> {
     let ending = path.extension().and_then(|ending| ending.to_str());
     let is_other = path.is_file() && ending.is_some_and(|ending| others.contains(&ending));
     demand!(!is_other, "{}", no_folder(path));
+    for file in if path.is_file() { files_at(path)? } else { vec![] } {
+        match read_with_trust(&file, |_, _| bail!("the first record is enough")) {
+            Err(error) if error.is::<RecordingError>() => return Err(of_file(error)),
+            _ => {}
+        }
+    }
     Ok(())
+}
+
+/// An error of a recording that the user named.
+pub fn of_file(error: Error) -> Error {
+    let is_other = |cause: &RecordingError| matches!(cause, RecordingError::Empty(_) | RecordingError::NotMcap(_));
+    if error.downcast_ref().is_some_and(is_other) { wrong(error) } else { error }
 }
 
 /// The recordings of a path; the error for an evaluation without any explains how to get them.
@@ -161,7 +173,7 @@ fn recordings_at(path: &Path) -> Result<Vec<PathBuf>> {
     if let Err(RecordingError::NoRecordings(_)) = &files
         && Config::of_run(&RunFolder::new(path)).is_ok_and(|config| config.evaluation.is_some())
     {
-        bail!("{} is an evaluation without recordings: make it again with `--record all`", path.display());
+        reject!("{} is an evaluation without recordings: make it again with `--record all`", path.display());
     }
     Ok(files?)
 }

@@ -94,9 +94,13 @@ impl EnvironmentFlags {
         let Some((place, name)) = env.split_once(':') else {
             let is_file = Path::new(env).extension().is_some_and(|extension| extension == "py");
             demand!(!is_file, "--env {env} names no function: give it, as in {env}:make_env");
+            let example = match env.as_str() {
+                "gymnasium" | "envpool" => format!("{env}:CartPole-v1"),
+                id => format!("gymnasium:{id}"),
+            };
             reject!(
                 "--env {env}: expected gymnasium:ID, envpool:ID, package.module:function or ./file.py:function, as in \
-                 gymnasium:{env}"
+                 {example}"
             );
         };
         let text = |path: PathBuf| path.into_os_string().into_string().ok().context("a path is not text");

@@ -5,6 +5,7 @@ use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Found, Source, find};
 use crate::evaluation::text::{episodes_of, place, seeds_of};
+use crate::output::format::counted;
 use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
 use crate::preflight::programs::Tools;
@@ -12,10 +13,10 @@ use crate::run::create::{check_free, create, new_folder};
 use crate::run::identity::unix_now;
 use crate::run::{lifeline, scenes};
 use crate::suite;
-use crate::wrong::demand;
-use anyhow::{Result, ensure};
+use crate::wrong::{demand, wrong};
+use anyhow::{Result, anyhow, ensure};
 use proto::checkpoint::Manifest;
-use proto::config::{Config, DeviceChoice, Setting, ValidationConfig};
+use proto::config::{Config, ConfigError, DeviceChoice, Setting, ValidationConfig};
 use proto::evaluation::{
     Distribution, EPISODES_OF_SET, EvaluationConfig, ObjectSet, Plan, SEEDED_EPISODES, SEEDED_EPISODES_MOST, Subject,
     has_targets,
@@ -230,9 +231,20 @@ fn configuration(run: Config, asked: &EvaluationConfig, args: &EvalArgs, cores: 
     // A vector of a fixed size has as many as the run's.
     let of_run = config.environment.is_some().then_some(config.actors.environments_per_actor);
     let (actors, environments) = shape(asked, args.actors, args.environments.or(of_run), cores);
+    if let Some(more) = args.actors.filter(|&asked| asked > actors) {
+        terminal::note(&format!(
+            "{} instead of {more}: no more episodes are to be played",
+            counted(actors.into(), "actor")
+        ));
+    }
     config.actors.count = actors;
     config.actors.environments_per_actor = environments;
-    config.validate()?;
+    config.validate().map_err(|error| match error {
+        ConfigError::OutOfRange { key: "evaluation.procedural", value, problem, .. } => {
+            wrong(anyhow!("--kitchens {value}: {problem}"))
+        }
+        other => other.into(),
+    })?;
     let targets: Vec<&str> = asked.scene_targets.iter().flatten().map(|target| target.name()).collect();
     ensure!(
         config.evaluation_plan().is_some_and(|plan| !plan.is_empty()),
@@ -358,17 +370,20 @@ fn announcement(args: &EvalArgs, config: &Config, asked: &EvaluationConfig) -> S
     format!("{what}, in {place}{otherwise}")
 }
 
-/// Actors and environments of each: as many actors as there are cores for, and environments that run out together.
+/// Actors and environments of each: as many actors as there are cores for and episodes at most, and environments that run
+/// out together.
 fn shape(asked: &EvaluationConfig, actors: Option<u32>, environments: Option<u32>, cores: u32) -> (u32, u32) {
     if asked.procedural.is_some() {
         // Environments go from kitchen to kitchen: no actor belongs to one.
         let episodes = Plan::new(asked, 1, 1).len() as u32;
-        let actors = actors.unwrap_or_else(|| cores.min(episodes).max(1));
+        let actors = actors.unwrap_or(cores).min(episodes).max(1);
         let even = episodes.div_ceil(actors).clamp(1, ENVIRONMENTS_MAX);
         return (actors, environments.unwrap_or(even));
     }
     let kitchens = asked.kitchens().count() as u32;
-    let actors = actors.unwrap_or_else(|| (cores / kitchens).max(1) * kitchens);
+    // Without episodes, or with too few actors for the kitchens, it is refused later, with a reason.
+    let episodes = (Plan::new(asked, kitchens, 1).len() as u32).max(kitchens);
+    let actors = actors.unwrap_or_else(|| (cores / kitchens).max(1) * kitchens).min(episodes);
     let per_kitchen = (actors / kitchens).max(1);
     let episodes = Plan::new(asked, actors, 1).longest() as u32;
     let rounds = episodes.div_ceil(per_kitchen * ENVIRONMENTS_MAX).max(1);
@@ -447,6 +462,8 @@ mod tests {
         assert!(announced.ends_with("in 100 procedural kitchens (5000..5100)"), "{announced}");
         // A run in kitchens without end is asked about the test kitchens like any other.
         assert_eq!(of(&["a"]).unwrap().1.split, Split::Test);
+        let many = of(&["a", "--kitchens", "5000..9000"]).unwrap_err().to_string();
+        assert_eq!(many, "--kitchens 5000..9000: must be at most 1000 kitchens");
         let fixed = of(&["a", "--kitchens", "procedural:5000..5100", "--distribution", "fixed"]).unwrap_err();
         assert!(fixed.to_string().contains("procedural kitchens have no fixed episodes"), "{fixed}");
         let command = EvalArgs::augment_args(clap::Command::new("eval").no_binary_name(true));
@@ -504,8 +521,9 @@ mod tests {
         assert_eq!(shape(&asked(0, ObjectSet::All), None, None, 16), (15, 30));
         assert_eq!(shape(&asked(0, ObjectSet::Novel), None, None, 2), (5, 30));
         assert_eq!(shape(&asked(6, ObjectSet::Novel), None, None, 2), (5, 6));
-        assert_eq!(shape(&asked(1, ObjectSet::Novel), None, None, 64), (60, 1));
+        assert_eq!(shape(&asked(1, ObjectSet::Novel), None, None, 64), (5, 1));
         assert_eq!(shape(&asked(6, ObjectSet::Seen), Some(7), Some(4), 2), (7, 4));
+        assert_eq!(shape(&asked(1, ObjectSet::Seen), Some(500), None, 2), (5, 1), "none has nothing to play");
         // Fewer actors than kitchens are refused later, with a reason.
         assert_eq!(shape(&asked(6, ObjectSet::Seen), Some(4), None, 2).0, 4);
         let scene_targets = vec![vec![TargetCategory::Mug, TargetCategory::Cup]];

@@ -84,11 +84,16 @@ enum Picture {
 }
 
 impl Format {
-    fn of(out: &Path) -> Result<Self> {
-        match out.extension().and_then(|ending| ending.to_str()) {
-            Some("safetensors") => Ok(Self::Safetensors),
-            Some("onnx") => Ok(Self::Onnx),
-            _ => reject!(
+    /// The one asked for, or as `out` ends.
+    fn of(asked: Option<Self>, out: &Path) -> Result<Self> {
+        let ending =
+            out.extension().and_then(|ending| <Self as clap::ValueEnum>::from_str(ending.to_str()?, false).ok());
+        match (asked, ending) {
+            (Some(asked), Some(other)) if asked != other => {
+                reject!("--out {} ends as another format does: leave out --format, or name it otherwise", out.display())
+            }
+            (Some(format), _) | (None, Some(format @ (Self::Onnx | Self::Safetensors))) => Ok(format),
+            (None, _) => reject!(
                 "--out {}: call it policy.onnx (for onnxruntime) or policy.safetensors (PyTorch reads it), or give --format",
                 out.display()
             ),
@@ -103,7 +108,7 @@ impl EpisodeArgs {
 }
 
 pub fn run(args: &ExportArgs) -> Result<ExitCode> {
-    let format = args.format.map_or_else(|| Format::of(&args.out), Ok)?;
+    let format = Format::of(args.format, &args.out)?;
     demand!(!args.half || format == Format::Safetensors, "--half is for --format safetensors");
     match format {
         Format::Onnx | Format::Safetensors => export_policy(args, format).map(|()| ExitCode::SUCCESS),

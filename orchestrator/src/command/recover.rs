@@ -1,3 +1,4 @@
+use crate::command::choice::of_file;
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::wrong::demand;
@@ -34,7 +35,7 @@ pub fn run(args: &RecoverArgs) -> Result<ExitCode> {
         "{file} is a folder: name a recording, of a run a file in {}",
         RunFolder::new(&args.file).recordings().display()
     );
-    match repair(&args.file, args.output.as_deref())? {
+    match repair(&args.file, args.output.as_deref()).map_err(of_file)? {
         Repair::NotNeeded { messages } => {
             terminal::out(&format!("{file} is complete ({}): nothing to do", counted(messages, "message")));
             Ok(ExitCode::SUCCESS)

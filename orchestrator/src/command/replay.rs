@@ -5,7 +5,7 @@ use crate::replay::newest::{Only, newest};
 use crate::replay::simulate::{Totals, simulate};
 use crate::run::identity::{Identity, perhaps};
 use crate::suite;
-use crate::wrong::demand;
+use crate::wrong::{demand, judged};
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::exit::EXIT_INCOMPLETE;
@@ -175,9 +175,9 @@ impl ReplayArgs {
             demand!(path.exists(), "{} does not exist{}", path.display(), perhaps(path));
             demand_recording(path)?;
             suite::refuse(path)?;
-            let folder = run_of(path).with_context(|| {
+            let folder = judged(run_of(path).with_context(|| {
                 format!("{} lies in no run folder: choose with --episode, or --check it", path.display())
-            })?;
+            }))?;
             if path.is_dir() {
                 Identity::read(&folder)?;
             }

@@ -6,6 +6,7 @@ use crate::report_builder::gather::gather;
 use crate::run::identity::no_folder;
 use crate::wrong::{demand, judged};
 use anyhow::Result;
+use proto::shell::quoted;
 use report::Options;
 use std::path::{Path, PathBuf};
 
@@ -46,6 +47,12 @@ pub struct ReportArgs {
 
 pub fn run(args: &ReportArgs) -> Result<()> {
     if let (Some(table), []) = (&args.table, args.runs.as_slice()) {
+        let shown = table.display();
+        demand!(
+            table.exists(),
+            "{shown} does not exist: `orchestrator report RUN --table {}` writes it",
+            quoted(table)
+        );
         terminal::out(judged(read_table(table))?.markdown()?.trim_end());
         return Ok(());
     }

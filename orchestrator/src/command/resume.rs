@@ -19,7 +19,7 @@ use crate::training::next_steps;
 use crate::training::run::{Started, TrainingRun, write_config};
 use crate::training::summary::{Missing, Summary};
 use crate::training::validation::Validation;
-use crate::wrong::judged;
+use crate::wrong::{judged, reject};
 use anyhow::{Context, Result, bail};
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -82,7 +82,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     // Refuses what is no run before a lock file is made in it.
     Identity::read(&folder)?;
     if is_evaluation(&folder) {
-        bail!(
+        reject!(
             "{} is an evaluation: one that was cut off is made anew, by `orchestrator eval` with another folder",
             folder.root().display()
         );

@@ -18,7 +18,7 @@ use crate::training::next_steps;
 use crate::training::run::TrainingRun;
 use crate::training::summary::Summary;
 use crate::wrong::{demand, judged, reject, wrong};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow};
 use proto::checkpoint::Manifest;
 use proto::config::{Config, ConfigError, FromConfig};
 use proto::run_folder::RunFolder;
@@ -128,7 +128,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     }
     if let Some(from) = &args.from {
         suite::refuse(from)?;
-        config.from = Some(begin_from(&find(from)?.checkpoint()?, &config)?);
+        config.from = Some(begin_from(from, &find(from)?.checkpoint()?, &config)?);
     }
     // The default was needed: nobody asked for a preset, on the command line or in a file.
     let asked = found.is_none();
@@ -224,18 +224,13 @@ pub(crate) fn viewer(program: &Path, folder: &RunFolder) -> std::process::Comman
 }
 
 /// Whose weights the run begins with; refused where the networks differ.
-fn begin_from(found: &Found, config: &Config) -> Result<FromConfig> {
+fn begin_from(from: &Path, found: &Found, config: &Config) -> Result<FromConfig> {
     let differences = network_differences(&found.config, config)?;
     if !differences.is_empty() {
-        let (theirs, ours) = (&found.config.task, &config.task);
-        demand!(
-            theirs == ours,
-            "{} holds a network of the task {theirs}, which does not fit {ours}",
-            found.manifest.display()
-        );
-        bail!(
-            "{} holds another network: {}. Give this run the other's preset, or its [network] in a file for --config",
-            found.manifest.display(),
+        let (theirs, ours, from) = (&found.config.task, &config.task, from.display());
+        demand!(theirs == ours, "{from} holds a network of the task {theirs}, which does not fit {ours}");
+        reject!(
+            "{from} holds another network: {}. Give this run the other's preset, or its [network] in a file for --config",
             differences.join("; ")
         );
     }

@@ -96,7 +96,10 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
 }
 
 pub fn find(named: &Path) -> Result<Source> {
-    let path = RunFolder::through_best(std::path::absolute(named).with_context(|| named.display().to_string())?);
+    let whole = absolute(named)?;
+    let path = RunFolder::through_best(whole.clone());
+    // A message names what was typed.
+    let path = if path == whole { named.to_path_buf() } else { path };
     if !path.exists() {
         let run = path.parent().map(RunFolder::new).filter(|_| path.ends_with("best"));
         demand!(
@@ -110,13 +113,16 @@ pub fn find(named: &Path) -> Result<Source> {
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
     if is_tensors && !path.is_dir() && !path.with_extension("json").is_file() {
         let policy = Box::new(export::open(&path).map_err(no_policy)?);
-        return Ok(Source::File { path, policy });
+        return Ok(Source::File { path: absolute(&path)?, policy });
     }
     find_checkpoint(&path).map(|found| Source::Checkpoint(Box::new(found)))
 }
 
+fn absolute(path: &Path) -> Result<PathBuf> {
+    std::path::absolute(path).with_context(|| path.display().to_string())
+}
+
 fn find_checkpoint(path: &Path) -> Result<Found> {
-    let named = RunFolder::new(if path.is_dir() { path } else { path.parent().unwrap_or(path) });
     demand!(
         path.extension().is_none_or(|kind| kind != "onnx"),
         "{} is ONNX, a model for other programs, without its run's configuration: give the run, or a policy file \
@@ -124,13 +130,17 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
         path.display()
     );
     let manifest = if path.is_dir() {
-        let checkpoints = path.join("checkpoints");
-        let place = if checkpoints.is_dir() { checkpoints.as_path() } else { path };
-        let found = newest_whole(&named, place);
+        let folder = RunFolder::new(path);
+        let checkpoints = folder.checkpoints();
+        let place = if checkpoints.is_dir() { &checkpoints } else { folder.root() };
+        let found = newest_whole(&folder, place);
         if let (Err(error), false) = (&found, checkpoints.is_dir()) {
+            let asked = Config::of_run(&folder).ok().and_then(|config| config.evaluation);
+            let of = asked.map(|asked| asked.checkpoint.map_or_else(String::new, |policy| format!(" of {policy}")));
+            demand!(of.is_none(), "{} is an evaluation{}: {GIVE}", path.display(), of.unwrap_or_default());
             reject!("{error:#}: {}", advice(path));
         }
-        let (manifest, damaged) = found.map_err(|error| anyhow!("{error:#}{}", remedy(&named)))?;
+        let (manifest, damaged) = found.map_err(|error| anyhow!("{error:#}{}", remedy(&folder)))?;
         for error in damaged {
             tracing::warn!("{error:#}: {} is taken", manifest.display());
         }
@@ -138,6 +148,9 @@ fn find_checkpoint(path: &Path) -> Result<Found> {
     } else {
         path.with_extension("json")
     };
+    let manifest = absolute(&manifest)?;
+    let named =
+        RunFolder::new(if path.is_dir() { absolute(path)? } else { manifest.parent().unwrap_or(&manifest).to_owned() });
     demand!(
         RolloutName::Manifest.rollout_of(&manifest).is_some() && named.has(&manifest),
         "{} is no checkpoint (those are called rollout-00000012.json) and no policy file (.safetensors): give the run, \
@@ -178,14 +191,14 @@ fn remedy(run: &RunFolder) -> String {
     format!(": `orchestrator resume {}` trains the run, and saves one first", quoted(run.root()))
 }
 
+const GIVE: &str = "give the folder of a run, one of its checkpoints, or a policy file (.safetensors)";
+
 /// What to name instead of a folder that is no run.
 fn advice(folder: &Path) -> String {
     let files = RunFolder::new(folder).list(folder).unwrap_or_default().into_iter().map(|item| item.path);
     let policy = files.filter(|path| path.extension().is_some_and(|kind| kind == "safetensors")).min();
     let policy = policy.map(|path| format!("name the policy file {}", path.display()));
-    policy.unwrap_or_else(|| {
-        "give the folder of a run, one of its checkpoints, or a policy file (.safetensors)".to_owned()
-    })
+    policy.unwrap_or_else(|| GIVE.to_owned())
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
 use crate::output::terminal;
+use crate::wrong::demand;
 use anyhow::{Context, Result, bail, ensure};
 use proto::config::Config;
 use proto::kitchen::KitchenId;
@@ -67,7 +68,7 @@ pub fn newest(
     });
     let picked = pick(ended.collect(), only, count);
     if picked.is_empty() {
-        ensure!(
+        demand!(
             Recordings::of(folder).is_some(),
             "{place} has no recordings: an evaluation makes them with `--record all` (or `failures`), a run with \
             `recording.enabled = true`"

@@ -8,7 +8,7 @@ use crate::output::format::counted;
 use crate::training::next_steps::without_stage_one;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
-use proto::config::{Config, check_settings, frames_in, in_plain_words, overlay};
+use proto::config::{Config, check_settings, frames_in, overlay, problem_of};
 use proto::evaluation::has_targets;
 use proto::likeness::{nearest, suggestion};
 use proto::shell::quoted;
@@ -126,7 +126,9 @@ impl Suite {
         );
         ensure!(!path.is_dir(), "{} is a folder: name the file of a suite in it", path.display());
         let text = bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))?;
-        let named = || path.display().to_string();
+        let is_toml = path.extension().is_none_or(|ending| ending == "toml") || text.parse::<Table>().is_ok();
+        let named = format!("{}{}", path.display(), if is_toml { "" } else { ": it must be TOML" });
+        let named = || named.clone();
         let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
         let suite = Self::parse(&text).with_context(named)?;
         Ok((suite, text))
@@ -166,8 +168,8 @@ impl Suite {
             let without = entries.iter().find(|entry| entry.config.validation.every_frames == 0);
             if let (AskedCheckpoint::Best, Some(entry)) = (asked.checkpoint, without) {
                 bail!(
-                    "[[evaluations]] number {}: checkpoint = \"best\", but {} is not validated while it trains \
-                     (validation.every_frames = 0)",
+                    "[[evaluations]] number {}: checkpoint = \"best\", but {} is not validated while it trains: set \
+                     config.validation.every_frames, the frames from one validation to the next",
                     index + 1,
                     entry.name
                 );
@@ -210,9 +212,11 @@ fn in_words(text: &str, error: &toml::de::Error) -> anyhow::Error {
         let mut names = names.split('`').skip(1).step_by(2);
         nearest(names.next()?, names)
     });
-    let problem = in_plain_words(error.message()).replacen("unknown field", "unknown key", 1);
     let number = error.span().map_or(0, |span| text[..span.start].matches('\n').count());
     let line = text.lines().nth(number).unwrap_or_default().trim();
+    let problem = problem_of(line, error.message()).replacen("unknown field", "unknown key", 1);
+    let problem =
+        if line.starts_with("frames") { problem.replacen("0 or greater", "1 or greater", 1) } else { problem };
     let place = if line.is_empty() { String::new() } else { format!("line {}, `{line}`: ", number + 1) };
     let remedy = if meant.is_some() { suggestion(meant.as_deref()) } else { remedy(line, &problem) };
     anyhow::anyhow!("{place}{problem}{remedy}")
@@ -419,7 +423,9 @@ mod tests {
         assert_eq!(problem(""), format!("missing key `runs`: {run}"));
         for (text, said) in [
             ("seeds = [\"a\"]", "line 1, `seeds = [\"a\"]`: expected a whole number, 0 or greater, found \"a\""),
-            ("seeds = [1]\nframes = 1.5", "line 2, `frames = 1.5`: expected a whole number, 0 or greater, found `1.5`"),
+            ("seeds = # one", "line 1, `seeds = # one`: the value after `=` is missing: a list of whole numbers"),
+            ("seeds = [1]\nframes = -5", "`frames = -5`: expected a whole number, 1 or greater, found `-5`"),
+            ("seeds = [1]\nframes = 1.5", "line 2, `frames = 1.5`: expected a whole number, 1 or greater, found `1.5`"),
             (
                 "seeds = 1",
                 "line 1, `seeds = 1`: expected a list, found `1`: a list of whole numbers, as in seeds = [1, 2]",

@@ -63,6 +63,7 @@ fn unread(cause: &std::io::Error) -> String {
 pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigError> {
     toml::from_str(text).map_err(|error: toml::de::Error| {
         let line = error.span().map_or(0, |span| text[..span.start].matches('\n').count() + 1);
+        let shown = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
         let origin = origin.to_owned();
         if let Some((key, valid)) = unknown_field(error.message()) {
             let nearest = nearest(&key, valid.iter().map(String::as_str));
@@ -70,12 +71,21 @@ pub fn parse<T: DeserializeOwned>(text: &str, origin: &str) -> Result<T, ConfigE
         }
         let is_other = Path::new(&origin).extension().is_some_and(|ending| ending != "toml");
         let remark = if is_other { ": it must be TOML" } else { "" };
-        ConfigError::Invalid { origin, line, problem: in_plain_words(error.message()) + remark }
+        ConfigError::Invalid { origin, line, problem: problem_of(shown, error.message()) + remark }
     })
 }
 
+/// What is wrong with a line of TOML.
+pub fn problem_of(line: &str, message: &str) -> String {
+    let value = line.split_once('=').map(|(_, value)| value.split('#').next().unwrap_or_default().trim());
+    if value == Some("") && message.starts_with("string values must be quoted") {
+        return "the value after `=` is missing".to_owned();
+    }
+    in_plain_words(message)
+}
+
 /// A message of serde without the names of Rust's types.
-pub fn in_plain_words(message: &str) -> String {
+pub(super) fn in_plain_words(message: &str) -> String {
     let wrong = message.strip_prefix("invalid type: ").or_else(|| message.strip_prefix("invalid value: "));
     let Some((found, expected)) = wrong.and_then(|wrong| wrong.split_once(", expected ")) else {
         if let Some(rest) = message.strip_prefix("unknown variant `") {

@@ -27,7 +27,7 @@ mod validate;
 pub use changes::{Difference, Lists, differences};
 pub use environment::EnvironmentConfig;
 pub use episode::EpisodeConfig;
-pub use error::{ConfigError, in_plain_words};
+pub use error::{ConfigError, problem_of};
 pub use kitchens::{KitchenSource, KitchensConfig};
 pub use machine::{MachineConfig, Pin};
 pub use network::{

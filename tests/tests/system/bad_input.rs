@@ -1,5 +1,8 @@
 //! Every mistake gets one clear message, a non-zero exit, and leaves nothing behind.
 
+use proto::config::Config;
+use proto::evaluation::{EvaluationConfig, ObjectSet};
+use proto::kitchen::Split;
 use std::process::Command;
 use system_tests::{Terminal, Workshop, complete, finish, start};
 
@@ -83,13 +86,27 @@ const TYPED: &[(&str, &str)] = &[
     ("eval policy.onnx", "give the run, or a policy file"),
     ("eval policy.json", "give the run, or a file of one of these"),
     ("export runs/a --out policy.pt", "call it policy.onnx (for onnxruntime) or policy.safetensors"),
-    ("up --preset demo --frames 1", "cannot be divided over 2 stages"),
+    ("export runs/a --format npz --out policy.onnx", "policy.onnx ends as another format"),
+    ("export runs/a --format onnx --out policy.safetensors", "policy.safetensors ends as another format"),
+    ("recover empty.mcap", "empty.mcap is empty"),
+    ("recover policy.json", "policy.json is not an MCAP recording"),
+    ("replay empty.mcap", "empty.mcap is empty"),
+    ("replay --check empty.mcap", "empty.mcap is empty"),
+    ("replay runs/a --episode 99999", "the recordings hold no episode 99999"),
+    ("replay asked", "asked has no recordings"),
+    ("replay asked --check", "asked is an evaluation without recordings"),
+    ("resume asked", "asked is an evaluation"),
+    ("eval asked", "asked is an evaluation of models/fetch.safetensors: give"),
+    ("eval --preset demo --kitchens 5000..9000", "--kitchens 5000..9000: must be at most 1000 kitchens"),
+    ("eval runs/../nowhere", ": runs/../nowhere does not exist"),
+    ("up --preset demo --from runs/a", "runs/a holds another network"),
+    ("up --preset demo --frames 1", "--frames 1 cannot be divided over 2 stages"),
     ("up --preset demo --hosts 2 --host-rank 0 --rendezvous 127.0.0.1:29400 --run b", "cannot share 1 learner"),
     ("up --preset demo --hosts 2 --host-rank 0 --rendezvous 127.0.0.1:29400", "several hosts need --run DIR"),
     ("up --preset demo --config nowhere.toml", "cannot read configuration nowhere.toml"),
     ("up --config nowhere.toml", "cannot read configuration nowhere.toml"),
     ("doctor --config nowhere.toml", "cannot read configuration nowhere.toml"),
-    ("up --preset demo --config broken.toml", "broken.toml:1: "),
+    ("up --preset demo --config broken.toml", "broken.toml:1: the value after `=` is missing"),
     ("up --preset demo --config no-scene.toml", "nowhere/scene.toml: cannot be read"),
     ("up --preset demo --from nowhere", "nowhere does not exist"),
     ("kitchens --scene nowhere.toml", "nowhere.toml: cannot be read"),
@@ -97,7 +114,8 @@ const TYPED: &[(&str, &str)] = &[
     ("up --config demo", "there is no such file; `--preset demo` takes the preset"),
     ("config nowhere.toml", "there is no preset `nowhere.toml`: a file is given as `--config nowhere.toml`"),
     ("suite nowhere.toml", "cannot read suite nowhere.toml: there is no such file"),
-    ("suite broken.toml", "broken.toml: line 1, `ppo.clip =`: "),
+    ("suite broken.toml", "broken.toml: line 1, `ppo.clip =`: the value after `=` is missing"),
+    ("suite policy.json", "policy.json: it must be TOML: line 1, "),
     ("status runs", "runs is not a run folder: it holds runs, which `orchestrator list runs` shows"),
     ("compare runs/a policy.onnx", "policy.onnx is a file: give the folder of a run"),
     ("sweep broken.toml", "`orchestrator suite` does that"),
@@ -126,7 +144,7 @@ const TYPED: &[(&str, &str)] = &[
     ("up --env-command true --env-declaration mine.toml", "mine.toml:1: missing key `doc`"),
     ("up --env-command true --env-declaration nowhere.toml", "cannot read nowhere.toml"),
     ("up --preset gym", "needs `--env gymnasium:ID`, or a task of your own"),
-    ("report --table nowhere.json", "nowhere.json: No such file"),
+    ("report --table nowhere.json", "nowhere.json does not exist: `orchestrator report RUN --table nowhere.json`"),
     ("report --table policy.json", "policy.json keeps no table: name a file that"),
     ("report runs/a --out policy.json", "policy.json is a file: choose a folder with --out"),
     ("eval pool", "name the policy file"),
@@ -142,6 +160,7 @@ const TYPED: &[(&str, &str)] = &[
     ("config demo --config epochs.toml", "epochs.toml:1: ppo.epochs = 100: must be 1 to 64"),
     ("up --set ppo.learning_rate 1e-3", "`--set ppo.learning_rate=1e-3`"),
     ("up --task point_nav", "`--preset point-nav-demo`"),
+    ("up --env gymnasium", "as in gymnasium:CartPole-v1"),
     ("up --env ./mine.py", "as in ./mine.py:make_env"),
     ("up --env gymnasium:CartPole-v1 --set task=point_nav", "task = \"point_nav\" is a built-in task"),
     ("up --env gymnasium:CartPole-v1 --python /no/python", "--python /no/python does not exist"),
@@ -167,6 +186,16 @@ fn what_a_newcomer_types() {
     let workshop = Workshop::new();
     complete(workshop.up("runs/a", 1, 1, 100)).result();
     std::fs::create_dir_all(workshop.path("bare/checkpoints")).unwrap();
+    std::fs::write(workshop.path("empty.mcap"), "").unwrap();
+    let run = workshop.run("runs/a").folder;
+    let mut config = Config::of_run(&run).unwrap();
+    let checkpoint = Some("models/fetch.safetensors".to_owned());
+    let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 6);
+    config.evaluation = Some(EvaluationConfig { checkpoint, ..asked });
+    (config.recording.enabled, config.actors.count) = (false, 5);
+    std::fs::create_dir(workshop.path("asked")).unwrap();
+    std::fs::write(workshop.path("asked/config.toml"), config.to_toml()).unwrap();
+    std::fs::copy(run.identity(), workshop.path("asked/run.toml")).unwrap();
     for file in ["policy.onnx", "policy.json"] {
         std::fs::write(workshop.path(file), "{}").unwrap();
     }
