@@ -120,7 +120,7 @@ impl Card {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SuiteStanding {
     pub folder: String,
-    /// E.g. `1 of 2 runs done, 1 evaluating`.
+    /// E.g. `1 of 2 runs complete, 1 evaluating`.
     pub counts: String,
     /// Path of its report's page, where there is one.
     pub report: Option<String>,

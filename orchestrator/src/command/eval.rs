@@ -194,7 +194,7 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
     let mut config = configuration(run, &asked, args, cores)?;
 
-    terminal::note(&announcement(args, &config, &asked));
+    terminal::note_wrapped(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
     let named = args.out.clone().unwrap_or_else(|| default_folder(&subject, &asked));
     demand_all(&config, &RunFolder::new(&named), &tools)?;

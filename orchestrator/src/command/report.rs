@@ -77,7 +77,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
         return Ok(());
     }
-    for line in below_paths(&rows(&report), terminal::width()) {
+    for line in below_paths(&rows(&report, 1), terminal::width()) {
         terminal::out(&line);
     }
     let groups = report.groups.len();

@@ -160,7 +160,7 @@ impl Work {
                     None if goes_on => "none yet".to_owned(),
                     None => "none: an evaluation that was cut off is made anew, in another folder".to_owned(),
                 };
-                vec![evaluation.parts().join("  |  "), format!("result: {result}")]
+                vec![evaluation.line(None, None), format!("result: {result}")]
             }
         }
     }
@@ -184,7 +184,7 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
     }
 }
 
-fn of_suite(root: &Path, json: bool) -> Result<()> {
+pub fn of_suite(root: &Path, json: bool) -> Result<()> {
     let cards = RunReaders::once(vec![root.to_path_buf()]).list();
     if json {
         terminal::out_json(&cards)?;

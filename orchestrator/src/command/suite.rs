@@ -1,3 +1,4 @@
+use super::status::of_suite;
 use crate::output::format::{bytes, count, counted};
 use crate::output::table::{aligned, below_paths};
 use crate::output::terminal;
@@ -5,7 +6,7 @@ use crate::preflight::disk::need;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
-use crate::suite::{Asked, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, results, run as work, standings};
+use crate::suite::{Asked, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
 use crate::wrong::judged;
@@ -129,13 +130,10 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     let outcome = work(&suite, &folder, &args.gpus)?;
     let runs = standings(&suite, &folder)?;
     if !args.json {
-        let rows = suite.entries.iter().zip(&runs).flat_map(|(entry, run)| {
-            let at = run.status.status.word();
-            let row = |[of, figures]: [String; 2]| vec![run.name.clone(), at.to_owned(), of, figures];
-            results(&suite, &folder, entry).into_iter().map(row)
-        });
-        print(&rows.collect::<Vec<_>>());
+        of_suite(&root, false)?;
     }
+    let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
+    let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();
     let tell = |page: Option<PathBuf>| {
         let page = page.map(|page| page.display().to_string());
         if args.json {
@@ -143,9 +141,10 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         }
         if let Some(page) = page {
             terminal::out(&format!("page: {page}"));
-            let (program, folder) = (program(), quoted(&root));
-            terminal::out(&format!("look        {program} view {folder}"));
-            terminal::out(&format!("report      {program} report {folder}"));
+            let more = [("look", "view"), ("compare", "compare")];
+            for (aim, command) in &more[..begun.len().min(2)] {
+                terminal::out(&format!("{aim:11} {} {command} {}", program(), quoted(&root)));
+            }
         }
         Ok(())
     };
@@ -155,8 +154,6 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         let stopped = outcome == SuiteOutcome::Stopped;
         return Ok(if stopped { ExitCode::SUCCESS } else { ExitCode::from(EXIT_INTERRUPTED) });
     }
-    let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
-    let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();
     if begun.is_empty() {
         terminal::note("no run could be begun: there is nothing to report on");
         tell(None)?;
@@ -166,7 +163,9 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
             terminal::note(note);
         }
         if !args.json {
-            print(&files::rows(&report));
+            for line in below_paths(&files::rows(&report, 2), terminal::width()) {
+                terminal::out(&line);
+            }
         }
         tell(Some(folder.page()))?;
     }
@@ -178,12 +177,6 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         folder.state().display()
     ));
     Ok(ExitCode::FAILURE)
-}
-
-fn print(rows: &[Vec<String>]) {
-    for line in below_paths(rows, terminal::width()) {
-        terminal::out(&line);
-    }
 }
 
 fn names(suite: &Suite) -> Vec<String> {

@@ -19,8 +19,19 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+/// What a figure is of, in the order in which a comparison shows them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+enum Part {
+    #[default]
+    Run,
+    Stage,
+    Validation,
+    Evaluation,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
+    part: Part,
     name: String,
     value: Value,
     shown: String,
@@ -29,11 +40,14 @@ pub struct Figure {
 const DIGITS: usize = 12;
 
 #[derive(Debug, Default)]
-struct List(Vec<Figure>);
+struct List {
+    part: Part,
+    figures: Vec<Figure>,
+}
 
 impl List {
     fn put(&mut self, name: impl Into<String>, value: impl Into<Value>, shown: String) {
-        self.0.push(Figure { name: name.into(), value: value.into(), shown });
+        self.figures.push(Figure { part: self.part, name: name.into(), value: value.into(), shown });
     }
 
     fn count(&mut self, name: impl Into<String>, value: u64) {
@@ -75,7 +89,7 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
         training(&mut list, folder, config, identity, &held);
     }
     evaluations(&mut list, folder);
-    Ok(list.0)
+    Ok(list.figures)
 }
 
 fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Identity, held: &LockState) {
@@ -91,9 +105,11 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     let wall_s = Wall::of(identity, &signs_of_life(&history), !at_rest).all_starts_s;
     let wall = Duration::try_from_secs_f64(wall_s).unwrap_or_default();
     list.put("wall time", wall_s, format::duration(wall));
+    list.part = Part::Stage;
     for stage in by_stage(&config.stages, &history) {
         of_stage(list, config.spec(), &stage);
     }
+    list.part = Part::Validation;
     if let Some(best) = best(&scores, config.spec()) {
         list.metrics("best validation", config.spec(), &best.figures);
         list.count("best validation: at frame", best.frames);
@@ -131,6 +147,7 @@ fn evaluations(list: &mut List, folder: &RunFolder) {
             newest.insert(kind, evaluation);
         }
     }
+    list.part = Part::Evaluation;
     for (kind, Evaluation { overall, subject, described, .. }) in newest {
         let name = |what: &str| format!("{kind}: {what}");
         list.count(name("episodes"), overall.episodes);
@@ -161,12 +178,12 @@ fn kind_of(evaluation: &Evaluation) -> String {
 }
 
 pub fn rows(runs: &[Vec<Figure>]) -> Vec<Row> {
-    let mut names: Vec<&str> = Vec::new();
+    let mut names: Vec<(Part, &str)> = Vec::new();
     for run in runs {
         let mut place = 0;
         for figure in run {
-            place = names.iter().position(|name| *name == figure.name).unwrap_or_else(|| {
-                names.insert(place, &figure.name);
+            place = names.iter().position(|(_, name)| *name == figure.name).unwrap_or_else(|| {
+                names.insert(place, (figure.part, &figure.name));
                 place
             }) + 1;
         }
@@ -179,7 +196,8 @@ pub fn rows(runs: &[Vec<Figure>]) -> Vec<Row> {
             .unzip();
         Row { name: name.to_owned(), values, shown }
     };
-    names.into_iter().map(row).collect()
+    names.sort_by_key(|(part, _)| *part);
+    names.into_iter().map(|(_, name)| row(name)).collect()
 }
 
 #[cfg(test)]
@@ -193,12 +211,32 @@ mod tests {
             for (number, name) in names.iter().enumerate() {
                 list.count(*name, number as u64);
             }
-            list.0
+            list.figures
         };
         let rows = rows(&[run(&["state", "I", "weights"]), run(&["state", "I", "II", "weights", "test"])]);
         let names: Vec<&str> = rows.iter().map(|row| row.name.as_str()).collect();
         assert_eq!(names, ["state", "I", "II", "weights", "test"]);
         assert_eq!(rows[2].values, [Value::Null, json!(2)]);
         assert_eq!(rows[3].shown, ["2", "3"]);
+    }
+
+    #[test]
+    fn evaluations_stand_behind_all_stages() {
+        let run = |names: &[(Part, &str)]| {
+            let mut list = List::default();
+            for (part, name) in names {
+                list.part = *part;
+                list.count(*name, 1);
+            }
+            list.figures
+        };
+        let (kitchens, seeds) = ((Part::Evaluation, "kitchens: SR"), (Part::Evaluation, "seeds: score"));
+        let two = run(&[(Part::Stage, "I: return"), (Part::Stage, "I: SR"), (Part::Stage, "II: SR"), kitchens]);
+        let one = run(&[(Part::Stage, "I: return"), (Part::Stage, "I: score"), seeds]);
+        let names = |runs: &[Vec<Figure>]| rows(runs).into_iter().map(|row| row.name).collect::<Vec<_>>();
+        let evaluations = ["seeds: score", "kitchens: SR"];
+        let stages = ["I: return", "I: score", "I: SR", "II: SR"];
+        assert_eq!(names(&[two.clone(), one.clone()]), [&stages[..], &evaluations].concat());
+        assert_eq!(names(&[one, two])[4..], evaluations);
     }
 }

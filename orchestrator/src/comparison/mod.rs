@@ -64,18 +64,14 @@ impl Comparison {
 
     /// Where the whole table is wider, tables of some runs each, which numbers stand for.
     fn within(&self, columns: Option<usize>) -> Vec<String> {
-        let whole = aligned(&self.rows(shortened(&self.runs), CELL_MAX));
+        let whole = aligned(&with_values(self.rows(shortened(&self.runs), CELL_MAX)));
         let Some(most) = columns.filter(|&most| is_wider(&whole, most)) else { return whole };
         let numbers: Vec<String> = (1..=self.runs.len()).map(|number| number.to_string()).collect();
         let mut lines: Vec<String> =
             numbers.iter().zip(&self.runs).map(|(number, run)| format!("{number}  {run}")).collect();
-        for mut table in blocks(&self.rows(numbers, NARROW_CELL_MAX), Some(most)) {
-            table.retain(|row| row.len() == 1 || row[1..].iter().any(|cell| cell != NOTHING));
-            let is_title = |row: &Vec<String>| row.len() == 1;
-            let is_empty = |at: usize| is_title(&table[at]) && table.get(at + 1).is_none_or(is_title);
-            let kept: Vec<_> = (0..table.len()).filter(|&at| !is_empty(at)).map(|at| table[at].clone()).collect();
+        for table in blocks(&self.rows(numbers, NARROW_CELL_MAX), Some(most)) {
             lines.push(String::new());
-            lines.extend(aligned(&kept));
+            lines.extend(aligned(&with_values(table)));
         }
         lines
     }
@@ -102,6 +98,14 @@ impl Comparison {
         }
         rows
     }
+}
+
+/// A table without the rows that have no value, and without the titles of parts that have no row.
+fn with_values(mut table: Vec<Vec<String>>) -> Vec<Vec<String>> {
+    table.retain(|row| row.len() == 1 || row[1..].iter().any(|cell| cell != NOTHING));
+    let is_title = |row: &Vec<String>| row.len() == 1;
+    let is_empty = |at: usize| is_title(&table[at]) && table.get(at + 1).is_none_or(is_title);
+    (0..table.len()).filter(|&at| !is_empty(at)).map(|at| table[at].clone()).collect()
 }
 
 /// Paths without the folders that all of them are in, if those are more than one.
@@ -131,6 +135,7 @@ mod tests {
             row("stage I: SR", ["1.0%", "2.0%", "3.0%"]),
             row("test kitchens: SR", ["", "", "4.0%"]),
             row("stage I: SPL", ["0.10", "0.20", ""]),
+            row("stage I: path", ["", NOTHING, ""]),
         ];
         let comparison = Comparison { runs, configuration: vec![row("seed", ["1", "a\nb", "3"])], figures };
         let whole = [

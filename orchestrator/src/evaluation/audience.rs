@@ -66,20 +66,16 @@ impl EvaluationAudience {
         Ok(self.records.values().cloned().collect())
     }
 
-    fn line(&self, now: Duration) -> String {
+    fn line(&self, now: Duration, columns: Option<usize>) -> String {
         let (played, asked) = (self.played(), self.asked());
         let records = self.records.values().map(|(record, _)| record);
-        let mut parts = Progress::of(self.spec, asked as u64, records).parts();
-        if let Some((began, _)) = self.span {
+        let left = |(began, _)| {
             let elapsed_s = now.saturating_sub(began).as_secs_f64();
-            if played > 0 && elapsed_s > 0.0 {
-                let left_s = elapsed_s / played as f64 * (asked - played) as f64;
-                parts.push(format!("{} left", format::duration(Duration::from_secs_f64(left_s))));
-            }
-        } else {
-            parts.push("starting".to_owned());
-        }
-        parts.join("  |  ")
+            let left_s = elapsed_s / played as f64 * (asked - played) as f64;
+            (played > 0).then(|| format!("{} left", format::duration(Duration::from_secs_f64(left_s))))
+        };
+        let left = self.span.map_or_else(|| Some("starting".to_owned()), left);
+        Progress::of(self.spec, asked as u64, records).line(left, columns)
     }
 }
 
@@ -114,7 +110,7 @@ impl Audience for EvaluationAudience {
 
     fn tick(&mut self, now: Duration, _recorder: Option<&Recorder>) {
         if self.live.is_due(now) {
-            self.live.show(self.line(now));
+            self.live.show(self.line(now, self.live.columns()));
         }
     }
 
@@ -153,11 +149,14 @@ mod tests {
             LearnerEvent::EpisodePlayed { record, actions: vec![20] }
         };
         hear(ready());
-        assert_eq!(standing().parts(), ["0 / 10 episodes  0.0%"]);
+        let line = || standing().line(None, None);
+        assert_eq!(line(), "0 / 10 episodes  0.0%");
         for (index, success) in [(0, true), (1, true), (2, false), (3, false)] {
             hear(played(index, success));
         }
-        assert_eq!(standing().parts(), ["4 / 10 episodes  40.0%", "SR 50.0%  SRwoD 50.0%  SRwoD (per axis) 0.0%"]);
+        assert_eq!(line(), "4 / 10 episodes  40.0%  |  SR 50.0%  SRwoD 50.0%  SRwoD (per axis) 0.0%");
+        let narrow = standing().line(Some("7 s left".to_owned()), Some(60));
+        assert_eq!(narrow, "4 / 10 episodes  40.0% | 7 s left | SR 50.0% | SRwoD 50.0%");
         // A learner that was started again plays all of them again.
         hear(ready());
         hear(played(0, true));

@@ -1,5 +1,7 @@
 use super::journal;
 use crate::output::format::{self, shown};
+use crate::output::table::fitting;
+use crate::training::progress::BETWEEN;
 use crate::training::scores::read_result;
 use anyhow::Result;
 use proto::config::Config;
@@ -53,20 +55,20 @@ impl Progress {
         self.means.iter().filter_map(|(name, mean)| Some((name.clone(), (*mean)?))).collect()
     }
 
-    pub fn parts(&self) -> Vec<String> {
-        let mut parts = vec![format!(
-            "{} / {} episodes  {:.1}%",
-            format::count(self.played),
-            format::count(self.asked),
-            100.0 * self.played as f64 / self.asked.max(1) as f64
-        )];
-        if self.played > 0 {
-            // More would not fit the line.
-            let first = self.described.iter().take(3);
-            let words: Vec<_> =
-                first.map(|one| format!("{} {}", one.label, shown(one, self.means[&one.name]))).collect();
-            parts.push(words.join("  "));
+    /// How far it is, the time left or what it waits for, and the first metrics; as much as fits so many columns.
+    pub fn line(&self, left: Option<String>, columns: Option<usize>) -> String {
+        let (played, asked) = (format::count(self.played), format::count(self.asked));
+        let percent = 100.0 * self.played as f64 / self.asked.max(1) as f64;
+        let done = [Some(format!("{played} / {asked} episodes  {percent:.1}%")), left];
+        // More would not fit the line.
+        let first = self.described.iter().take(if self.played > 0 { 3 } else { 0 });
+        let figures = first.map(|one| format!("{} {}", one.label, shown(one, self.means[&one.name])));
+        match columns {
+            Some(columns) => fitting(done.into_iter().flatten().chain(figures), columns),
+            None => {
+                let figures = Some(figures.collect::<Vec<_>>().join("  ")).filter(|figures| !figures.is_empty());
+                done.into_iter().chain([figures]).flatten().collect::<Vec<_>>().join(BETWEEN)
+            }
         }
-        parts
     }
 }

@@ -59,7 +59,7 @@ pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Opti
     (distribution == Distribution::Seeds).then_some(seeds)
 }
 
-/// In so many columns of a terminal, if it is one.
+/// In so many columns of a terminal, if it is one: there the episodes were announced.
 pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
     let conditions = &evaluation.conditions;
@@ -69,7 +69,8 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Ve
     };
     let place = place(conditions.split, conditions.procedural, conditions.scenes.len(), one);
     let seeds = seeds_of(conditions.distribution, conditions.split, conditions.episodes);
-    let mut lines = vec![seeds.unwrap_or_else(|| format!("{}, in {place}", conditions.episodes_played()))];
+    let played = || seeds.unwrap_or_else(|| format!("{}, in {place}", conditions.episodes_played()));
+    let mut lines: Vec<String> = columns.is_none().then(played).into_iter().collect();
     let scenes = conditions.scenes.iter().enumerate().filter(|_| conditions.procedural.is_none());
     lines.extend(scenes.map(|(index, file)| format!("scene {index} is {file}")));
     let results = results(spec, evaluation);
@@ -173,7 +174,7 @@ mod tests {
         let mut evaluation = evaluation(arm, ObjectSet::Novel, played(KitchenId::scene(0).unwrap(), 6, &["success"]));
         evaluation.conditions.scenes = vec!["runs/a/scenes/000/cabin.toml".to_owned()];
         let narrow = lines(arm, &evaluation, Some(80));
-        assert_eq!(narrow[2], head.strip_suffix("  disturbance (m)  disturbed").unwrap());
+        assert_eq!(narrow[1], head.strip_suffix("  disturbance (m)  disturbed").unwrap());
         assert!(narrow.contains(&"              disturbance (m)  disturbed".to_owned()), "{narrow:#?}");
         let of_scene = lines(arm, &evaluation, None);
         assert_eq!(of_scene[1], "scene 0 is runs/a/scenes/000/cabin.toml");

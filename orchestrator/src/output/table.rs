@@ -57,6 +57,20 @@ pub fn below_paths(rows: &[Vec<String>], terminal: Option<usize>) -> Vec<String>
     lines
 }
 
+/// As many of the parts, the first ones, as fit a line of so many columns.
+pub fn fitting(parts: impl IntoIterator<Item = String>, columns: usize) -> String {
+    let mut line = String::new();
+    for part in parts.into_iter().filter(|part| !part.is_empty()) {
+        let before = if line.is_empty() { "" } else { " | " };
+        if [line.as_str(), before, &part].iter().map(|text| text.chars().count()).sum::<usize>() > columns {
+            break;
+        }
+        line.push_str(before);
+        line.push_str(&part);
+    }
+    line
+}
+
 pub fn is_wider(lines: &[String], most: usize) -> bool {
     lines.iter().any(|line| line.chars().count() > most)
 }
@@ -79,7 +93,8 @@ pub fn blocks(rows: &[Vec<String>], terminal: Option<usize>) -> Vec<Vec<Vec<Stri
     blocks
 }
 
-/// A text in lines of at most `width` characters, broken between words, and within a word that is longer alone.
+/// A text in lines of at most `width` characters, broken between words, and within a word that is longer alone; in a path
+/// only behind a slash, so that one with a longer name is wider.
 pub fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = Vec::new();
     let (width, mut rest): (usize, Vec<char>) = (width.max(1), text.chars().collect());
@@ -87,8 +102,7 @@ pub fn wrapped(text: &str, width: usize) -> Vec<String> {
         let fits = &rest[..=width];
         let indent = rest.iter().take_while(|letter| **letter == ' ').count();
         let space = fits.iter().rposition(|letter| *letter == ' ').filter(|at| *at > indent);
-        let within = || fits[..width].iter().rposition(|letter| "/-_,.".contains(*letter)).map_or(width, |at| at + 1);
-        let end = space.unwrap_or_else(within);
+        let end = space.unwrap_or_else(|| end_within(&rest, indent, width));
         let line: String = rest.drain(..end).collect();
         lines.push(line.trim_end().to_owned());
         let spaces = rest.iter().take_while(|letter| **letter == ' ').count();
@@ -100,12 +114,28 @@ pub fn wrapped(text: &str, width: usize) -> Vec<String> {
     lines
 }
 
-/// A text of at most `most` characters in one line: what is longer ends with an ellipsis. Without text a dash.
+/// Where a line ends within its first word, which is wider.
+fn end_within(text: &[char], indent: usize, width: usize) -> usize {
+    let word = text[indent..].iter().position(|letter| *letter == ' ').map_or(text.len(), |at| indent + at);
+    if !text[..word].contains(&'/') {
+        return text[..width].iter().rposition(|letter| "-_,.".contains(*letter)).map_or(width, |at| at + 1);
+    }
+    let mut slashes = (indent + 1..word).filter(|at| text[*at] == '/').map(|at| at + 1);
+    let first = slashes.next().unwrap_or(word);
+    slashes.take_while(|end| *end <= width).last().unwrap_or(first)
+}
+
+/// A text of at most `most` characters in one line: what is longer ends with an ellipsis, and of a path the end is kept,
+/// which tells it from others. Without text a dash.
 pub fn cell(text: &str, most: usize) -> String {
     let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
     match text.chars().count() {
         0 => NOTHING.to_owned(),
         length if length <= most => text,
+        length if text.contains('/') && !text.contains(' ') => {
+            let kept: String = text.chars().skip(length - most.saturating_sub(1)).collect();
+            format!("…{}", &kept[kept.find('/').unwrap_or(0)..])
+        }
         _ => text.chars().take(most.saturating_sub(1)).chain(['…']).collect(),
     }
 }
@@ -113,6 +143,14 @@ pub fn cell(text: &str, most: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_a_path_that_is_cut_the_end_is_kept() {
+        let path = "/tmp/a/checkpoints/rollout-00000363.json";
+        assert_eq!(cell(path, 34), "…/rollout-00000363.json");
+        assert_eq!(cell(path, 16), "…t-00000363.json");
+        assert_eq!([cell("a/b", 3), cell("one / two", 5)], ["a/b", "one …"]);
+    }
 
     #[test]
     fn a_table_fits_the_terminal_and_breaks_between_words() {
@@ -132,7 +170,10 @@ mod tests {
         let titled = [vec!["a title of a part".to_owned()], row(["a", "b", "c"])];
         assert_eq!(aligned(&titled), ["a title of a part", "a  b  c"]);
         assert_eq!(wrapped("  one two", 6), ["  one", "two"]);
-        assert_eq!(wrapped("runs/20261121-demo", 10), ["runs/", "20261121-", "demo"]);
+        assert_eq!(wrapped("runs/20261121-demo", 10), ["runs/", "20261121-demo"]);
+        assert_eq!(wrapped("in /one-long/a/b-c, d-e", 9), ["in", "/one-long/", "a/b-c,", "d-e"]);
+        assert_eq!(wrapped("a-word-without/ end", 9), ["a-word-without/", "end"]);
+        assert_eq!(wrapped("20261121-demo", 10), ["20261121-", "demo"]);
         assert_eq!([wrapped("", 5), wrapped("abcdefg", 5)], [vec![""], vec!["abcde", "fg"]]);
     }
 }

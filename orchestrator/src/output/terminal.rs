@@ -146,6 +146,11 @@ fn columns() -> usize {
     size.map_or(80, |size| usize::from(size.ws_col)).max(20) - 1
 }
 
+/// Columns of standard error, if that is an [`interactive`] terminal.
+pub fn live_columns() -> Option<usize> {
+    interactive().then(columns)
+}
+
 /// Columns of standard output, if that is a terminal; elsewhere those of the variable `COLUMNS`, if it is set.
 pub fn width() -> Option<usize> {
     let asked = || std::env::var("COLUMNS").ok()?.parse().ok();
@@ -158,6 +163,13 @@ pub fn out_wrapped(text: &str) {
     let width = width().unwrap_or(usize::MAX);
     // Before a command's name and its first word stand in two lines.
     as_called(text).lines().flat_map(|line| wrapped(line, width)).for_each(|line| out(&line));
+}
+
+/// Like [`note`], broken between words.
+pub fn note_wrapped(text: &str) {
+    for line in wrapped(&as_called(text), live_columns().unwrap_or(usize::MAX)) {
+        note(&line);
+    }
 }
 
 /// Replaces the progress lines at the bottom of the screen; none removes them. Only for an [`interactive`] terminal.

@@ -105,9 +105,9 @@ fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
     rows
 }
 
-/// A row for each result of a group: whose and of which episodes, over how many, and the metrics of its task with the
+/// A row for each result of a group that is over so many seeds at least: whose and of which episodes, over how many, and the metrics of its task with the
 /// intervals over seeds.
-pub fn rows(report: &Report) -> Vec<Vec<String>> {
+pub fn rows(report: &Report, least: usize) -> Vec<Vec<String>> {
     let row = |(group, result): (&GroupReport, &FieldResult)| {
         let metric = |one: &Described| {
             let Estimate { point, interval } = result.metrics.get(&one.name)?.mean;
@@ -121,7 +121,7 @@ pub fn rows(report: &Report) -> Vec<Vec<String>> {
         let metrics = metrics.collect::<Vec<_>>().join("  ");
         vec![group.label.clone(), result.name.clone(), seeds, episodes, metrics]
     };
-    of_groups(report).map(row).collect()
+    of_groups(report).filter(|(_, result)| result.seeds.len() >= least).map(row).collect()
 }
 
 fn of_groups(report: &Report) -> impl Iterator<Item = (&GroupReport, &FieldResult)> {

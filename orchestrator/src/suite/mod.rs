@@ -12,7 +12,6 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub use figures::results;
 pub use file::{Asked, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, is_suite, refuse};
 pub use scheduler::{SuiteOutcome, run, standings};

@@ -169,7 +169,7 @@ impl Scheduler<'_> {
             self.settled[worker.entry] = true;
         }
         if went_on {
-            let figures = progress(self.suite, self.folder, entry, &worker.step);
+            let figures = progress(self.suite, self.folder, entry, &worker.step, None);
             terminal::note(&format!("{}: {figures}", entry.name));
         }
         self.state.of(&entry.name).status = status.clone();
@@ -184,7 +184,7 @@ impl Scheduler<'_> {
             other => {
                 let done = self.state.runs.values().filter(|run| run.status == Status::Done).count();
                 let (how, all) = (other.word(), self.settled.len());
-                terminal::note(&format!("{} {how} ({done} of {all} runs done)", entry.name));
+                terminal::note(&format!("{} {how} ({done} of {all} runs)", entry.name));
             }
         }
         self.write()
@@ -303,12 +303,14 @@ impl Scheduler<'_> {
     }
 
     fn tell(&self) {
+        let columns = terminal::live_columns();
         let line = |worker: &Worker| {
             let entry = &self.suite.entries[worker.entry];
-            format!("{}  {}", entry.name, progress(self.suite, self.folder, entry, &worker.step))
+            let columns = columns.map(|columns| columns.saturating_sub(entry.name.chars().count() + 2));
+            format!("{}  {}", entry.name, progress(self.suite, self.folder, entry, &worker.step, columns))
         };
         let lines: Vec<String> = self.workers.iter().map(line).collect();
-        if terminal::interactive() {
+        if columns.is_some() {
             terminal::progress(lines);
         } else {
             for line in &lines {

@@ -43,11 +43,11 @@ impl Standing {
         }
     }
 
-    /// How many runs it has, and how many of them are at what, e.g. `1 of 2 runs done, 1 evaluating`.
+    /// How many runs it has, and how many of them are at what, e.g. `1 of 2 runs complete, 1 evaluating`.
     pub fn counts(&self) -> String {
         let words = ["training", "evaluating", "waiting", "stopped", "cut off", "failed"];
         let count = |word: &str| self.runs.values().filter(|run| self.text(&run.status).starts_with(word)).count();
-        let mut parts = vec![format!("{} of {} done", count("done"), counted(self.runs.len() as u64, "run"))];
+        let mut parts = vec![format!("{} of {} complete", count("complete"), counted(self.runs.len() as u64, "run"))];
         parts.extend(
             words
                 .iter()
@@ -124,11 +124,14 @@ mod tests {
         State { schema_version: 3, runs }.write(&folder.state()).unwrap();
 
         let standing = Standing::read(&root).unwrap();
-        assert_eq!(standing.summary(), "suite small: 1 of 2 runs done, 1 evaluating");
-        let each = "tiny-2 done, tiny-1 evaluating (suite-test-novel-2)";
+        assert_eq!(standing.summary(), "suite small: 1 of 2 runs complete, 1 evaluating");
+        let each = "tiny-2 complete, tiny-1 evaluating (suite-test-novel-2)";
         let runs = ["tiny-2", "tiny-1"].map(|name| root.join("runs").join(name));
         let evaluating = "evaluating (suite-test-novel-2)";
-        assert_eq!(standing.each(), [(runs[0].clone(), "done".to_owned()), (runs[1].clone(), evaluating.to_owned())]);
+        assert_eq!(
+            standing.each(),
+            [(runs[0].clone(), "complete".to_owned()), (runs[1].clone(), evaluating.to_owned())]
+        );
         assert_eq!(begun(&root).unwrap(), [""; 0].map(PathBuf::from));
         std::fs::create_dir_all(&runs[1]).unwrap();
         std::fs::write(RunFolder::new(&runs[1]).identity(), "").unwrap();
@@ -137,7 +140,7 @@ mod tests {
             let lines = standing.around(&root.join(path));
             lines.strip_suffix(&format!("\n{each}")).map(str::to_owned).unwrap()
         };
-        assert_eq!(at("runs/tiny-2"), "suite small: run 1 of 2, done");
+        assert_eq!(at("runs/tiny-2"), "suite small: run 1 of 2, complete");
         let second = "suite small: run 2 of 2, evaluating (suite-test-novel-2)";
         assert_eq!(at("runs/tiny-1/evaluations/suite-test-novel-2"), second);
         assert_eq!(at("runs/other"), standing.summary());
@@ -148,6 +151,6 @@ mod tests {
         assert_eq!(standing.report(), Some(folder.page()));
         // Its orchestrator was killed.
         drop(lock);
-        assert_eq!(Standing::read(&root).unwrap().summary(), "suite small: 1 of 2 runs done, 1 cut off");
+        assert_eq!(Standing::read(&root).unwrap().summary(), "suite small: 1 of 2 runs complete, 1 cut off");
     }
 }

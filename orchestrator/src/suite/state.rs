@@ -34,7 +34,7 @@ impl Status {
             Self::Training => "training",
             Self::Evaluating { .. } => "evaluating",
             Self::Stopped => "stopped",
-            Self::Done => "done",
+            Self::Done => "complete",
             Self::Failed { .. } => "failed",
         }
     }

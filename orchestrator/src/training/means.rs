@@ -148,14 +148,15 @@ pub struct Recent {
 /// Rollouts over which a run at work has a rate.
 const RECENT: usize = 8;
 
-/// The figures of the moment. Rates are over the newest rollouts of any stage, of a run at rest over all.
+/// The figures of the moment. Rates are over the newest rollouts of any stage, of a run at rest, or with all its frames,
+/// over all.
 pub fn recent(stages: &[StageConfig], history: &History, at_rest: bool) -> Recent {
+    let (frames, budget) = (history.frames(), total_frames(stages));
+    let at_rest = at_rest || frames >= budget;
     let window = if at_rest { history.len() } else { RECENT };
     let newest: Vec<&Trained> = history.iter().rev().take(window).collect();
     let stage = newest.first().map(|trained| trained.stage as usize);
     let before = history.iter().rev().nth(window).map_or(0, |trained| trained.frames);
-    let frames = history.frames();
-    let budget = total_frames(stages);
     let sum = |part: fn(&Timing) -> f64| newest.iter().map(|trained| part(&trained.timing)).sum::<f64>();
     let total = sum(Timing::total_s);
     let share = |part: f64| if total > 0.0 { part / total } else { 0.0 };

@@ -4,6 +4,7 @@
 
 use super::means::{EpisodeMeans, Recent, recent};
 use crate::output::format;
+use crate::output::table::fitting;
 use crate::output::terminal::Live;
 use proto::config::{Config, StageConfig};
 use proto::event::LearnerEvent;
@@ -143,7 +144,8 @@ impl Progress {
 
 pub const BETWEEN: &str = "  |  ";
 
-fn short_line(
+/// As much as fits so many columns, the most important first.
+pub fn short_line(
     metrics: &[Described],
     stages: &[StageConfig],
     recent: &Recent,
@@ -171,16 +173,7 @@ fn short_line(
         Some(doing.to_owned()).filter(|_| is_usual),
         recent.frames_per_s.map(|_| format!("simulate/infer/update {shares}%")),
     ];
-    let mut line = String::new();
-    for part in before.into_iter().chain(known).chain(after).flatten() {
-        let before = if line.is_empty() { "" } else { " | " };
-        if [line.as_str(), before, &part].iter().map(|text| text.chars().count()).sum::<usize>() > columns {
-            break;
-        }
-        line.push_str(before);
-        line.push_str(&part);
-    }
-    line
+    fitting(before.into_iter().chain(known).chain(after).flatten(), columns)
 }
 
 fn time_left(recent: &Recent) -> Option<String> {

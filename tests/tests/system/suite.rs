@@ -44,7 +44,7 @@ fn run(workshop: &Workshop, name: &str) -> Run {
 /// By the commands that take a suite; the others say what to give them.
 fn a_finished_suite_is_shown(workshop: &Workshop) {
     let listed = workshop.call(&["status", "all"]).good();
-    assert!(listed.stdout.starts_with("suite all: 3 of 3 runs done\n"), "{listed:#?}");
+    assert!(listed.stdout.starts_with("suite all: 3 of 3 runs complete\n"), "{listed:#?}");
     assert!(listed.stdout.contains("\ntiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
     assert!(listed.stdout.contains("\n  suite-test-novel-6  ") && listed.stdout.contains("all/runs\n"), "{listed:#?}");
     let compared = workshop.call(&["compare", "all", "--json"]).json();
@@ -77,7 +77,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     kill_child(child);
     assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
     let standing = workshop.call(&["status", "all"]).good();
-    assert!(standing.stdout.starts_with("suite all: 0 of 3 runs done, 2 waiting, 1 cut off\n"), "{standing:#?}");
+    assert!(standing.stdout.starts_with("suite all: 0 of 3 runs complete, 2 waiting, 1 cut off\n"), "{standing:#?}");
     first.assert_nothing_left();
     assert!(!first.folder.summary().exists(), "the run was killed in its middle");
 
@@ -123,10 +123,12 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     assert!(!workshop.path("all/report/report.html").exists());
     let printed = complete(call(&workshop)).good();
     for name in ["tiny-5", "tiny-6", "after-5"] {
-        let line = printed.stdout.lines().find(|line| line.starts_with(name)).expect("a line for each run");
-        assert!(line.contains("done  suite-test-novel-6  SR ") && line.contains("SRwoD "), "{line}");
+        let mut lines = printed.stdout.lines().skip_while(|line| !line.starts_with(name));
+        assert!(lines.next().expect("a line for each run").contains("  complete  "), "{printed:#?}");
+        let line = lines.next().expect("a line for its evaluation");
+        assert!(line.starts_with("  suite-test-novel-6  complete") && line.contains("SRwoD "), "{line}");
     }
-    assert!(printed.stdout.contains("report      ") && printed.stdout.contains(" report "), "{printed:#?}");
+    assert!(printed.stdout.contains("\ncompare     ") && printed.stdout.contains(" compare "), "{printed:#?}");
     let done = state(&workshop);
     a_finished_suite_is_shown(&workshop);
     for name in ["tiny-5", "tiny-6", "after-5"] {
