@@ -92,7 +92,7 @@ function kitchens(live, run) {
   return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight fold meters${metrics.length > 2 ? " many" : ""}` },
     h("thead", {}, h("tr", {}, ["Kitchen", "Episodes", ...metrics.map(({ label }) => label)].map((head, at) => h("th", { scope: "col", class: at ? "number" : null }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
-      h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, h("span", { class: "narrow" }, "kitchen "), kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
+      h("td", { "data-head": "Kitchen" }, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
       h("td", { class: "number", "data-head": "Episodes" }, count(kitchen.episodes)),
       metrics.map((metric, at) => h("td", { class: "number", "data-head": metric.label }, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name]), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
 }
