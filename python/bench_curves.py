@@ -99,6 +99,8 @@ RECIPES = {
     ("cleanrl", "PongNoFrameskip-v4"): ATARI,
 }
 PEERS = {"cleanrl": "CleanRL", "sb3": "SB3"}
+# Whose these are.
+SETTINGS = {"cleanrl": "CleanRL's", "sb3": "the Zoo's"}
 # Colours of a report's charts.
 INKS = {"Stillroom": "#0072b2", "CleanRL": "#d55e00", "SB3": "#009e73"}
 PAPER, LINE, INK, SOFT = "#fbfaf8", "#e4e1db", "#22262c", "#5d646e"
@@ -412,7 +414,7 @@ def draw(runs: list[dict[str, Any]], picture: Path) -> None:
                     axis.plot(frames, middle, INKS[label], linewidth=2)
                     axis.fill_between(frames, low, high, color=INKS[label], alpha=0.16, linewidth=0)
             axis.set_visible(bool(axis.lines))
-            settle(axis, f"{task}, return, {name}'s settings")
+            settle(axis, f"{task}, return, {SETTINGS[peer]} settings")
             if axis.lines:
                 left, bottom, width, height = axis.get_position().bounds
                 card = {"facecolor": "white", "edgecolor": LINE, "zorder": -1, "transform": figure.transFigure}

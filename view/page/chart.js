@@ -50,7 +50,7 @@ export class Chart {
   file() { return this.title.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, ""); }
 
   /** `series`: name, look, x, y, and perhaps raw, low and high; `marks`: x and label; `levels`: y and label; `most`: the y
-   * axis reaches there; `newest`: what one curve came to, and `smoothed` what its values are called; `placed`: whether the last value is told with its place; `domain`: of x; `paint`: draws more; `read`: what the cursor is at; `table`: the data of that. */
+   * axis reaches there; `newest`: what one curve came to, and of what that is; and `smoothed` what its values are called; `placed`: whether the last value is told with its place; `domain`: of x; `paint`: draws more; `read`: what the cursor is at; `table`: the data of that. */
   show(content) {
     const { lines, bands, xLabel, plot, ends = [0, 0] } = this;
     this.content = content;
@@ -65,7 +65,7 @@ export class Chart {
         this.bands.push({ series: [top, bottom], colour });
       }
       if (one.raw) add(one.raw, { colour, opacity: 0.3, width: 1 });
-      add(one.y, { name: one.name, colour, dash, opacity: 1, width: 1.9, points: undefined });
+      add(one.y, { name: one.name, colour, dash, opacity: 1, width: one.look.width ?? 1.9, points: undefined });
       return table;
     });
     this.data = tables.length ? uPlot.join(tables) : [content.domain ?? []];
@@ -178,7 +178,7 @@ export class Chart {
     const several = values.length > 1;
     const words = this.content.read?.(this.plot) ?? values.map(([name, value]) => (several ? `${name} ${this.format(value)}` : this.format(value)));
     const { newest, smoothed } = this.content;
-    if (at === null && !several && values.length && newest !== undefined) words.splice(0, 1, this.format(newest), "newest tenth");
+    if (at === null && !several && values.length && newest) words.splice(0, 1, this.format(newest[0]), newest[1]);
     else if (values.length && smoothed) words.push(smoothed);
     if ((at !== null || this.content.placed) && values.length) words.push(`at ${this.xFormat(this.data[0][at ?? this.data[0].length - 1])}`);
     const text = words.join(several ? "\n" : " · ") || (this.rows ? "" : "nothing yet");

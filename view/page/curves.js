@@ -11,7 +11,7 @@ const measures = (metrics) => [
   ["time/frames_per_second", "Frames/s", { zero: true, format: (value) => count(value) }],
 ];
 const MORE = [
-  ["episode/length", "Length (steps)", { zero: true }],
+  ["episode/length", "Steps", { zero: true }],
   ["policy/entropy", "Entropy (nats)", {}],
   ["policy/approximate_kl", "Approximate KL", {}],
   ["policy/clip_fraction", "Clipped", { share: true }],
@@ -88,7 +88,7 @@ export class Curves {
       if (metric?.kind === "share") most ??= Math.max(...series.flatMap(({ y }) => y));
       // Where stages begin; of runs that differ in it in their colours.
       const begins = new Map(all.map(({ source: { stages }, index }) => [JSON.stringify(stages), { stages, index }]));
-      const marks = [...begins.values()].flatMap(({ stages, index }) => stages.slice(1).map(([label, x]) => (begins.size > 1 ? { label, x, colour: look(index).colour } : { label: `stage ${label}`, x })));
+      const marks = [...begins.values()].flatMap(({ stages, index }) => stages.slice(1).map(([label, x]) => ({ label: `stage ${label}`, x, colour: begins.size > 1 ? look(index).colour : undefined })));
       const first = this.sources[all[0].index];
       chart.show({
         series, smoothed: weight > 0 && this.smoothed, newest: all.length === 1 ? first.newest?.[metric?.name ?? name] : undefined, most: metric?.kind === "share" ? most : undefined,

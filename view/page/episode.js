@@ -113,7 +113,7 @@ function channelCurves({ episode: { task, moments } }, signal) {
   for (const { name, unit } of task.channels) {
     const values = moments.map(({ channels }) => channels[name] ?? []);
     const series = Array.from({ length: Math.max(...values.map(({ length }) => length)) }, (_, at) => ({ name: `${words(name, unit)} ${at}`, x: [...moments.keys()], y: values.map((one) => one[at] ?? null) }))
-      .filter(({ y }) => new Set(y.filter((value) => value !== null)).size > 1).slice(0, 7).map((one, at) => ({ ...one, look: look(at) }));
+      .filter(({ y }) => new Set(y.filter((value) => value !== null)).size > 1).slice(0, 7).map((one, at) => ({ ...one, look: { ...look(at), width: 1 } }));
     if (!series.length) continue;
     const chart = new Chart(`${words(name, unit)}${unit ? ` (${unit})` : ""}`, { xLabel: "step", format: (value) => number(value, 3), signal });
     charts.push({ chart, element: chart.element, show: (step) => { chart.content.marks = [{ x: step, label: "", colour: "--ink" }]; chart.plot?.redraw(false); } });

@@ -5,7 +5,7 @@ import { count, headed, number, outcome, reached, kitchenName } from "./format.j
 import { paintEnd } from "./stage.js";
 
 // What every task's episodes have.
-const COLUMNS = [["Kitchen", "kitchen", "optional"], ["Episode", "episode", "number"], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Steps", "length", "number optional"]];
+const COLUMNS = [["Kitchen", "kitchen", "optional"], ["Episode", "episode", ""], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Steps", "length", "number optional"]];
 const PAGE = 50;
 
 export async function showEpisodes(root, run, query, signal) {
@@ -86,7 +86,7 @@ export async function showEpisodes(root, run, query, signal) {
     return h("tr", { class: address ? "link" : null, onclick: (event) => { if (address && !event.target.closest("a")) location.hash = address; } },
       pictured(page) ? h("td", { class: "end" }, each.key ? picture(each.key, address) : null) : null,
       columns.isPlaced ? h("td", { class: "optional" }, where) : null,
-      h("td", { class: "number", "data-head": "Episode" }, address ? h("a", { href: address, "aria-label": called }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
+      h("td", { "data-head": "Episode" }, address ? h("a", { href: address, "aria-label": called }, count(each.episode)) : h("span", { title: each.key ? null : "its actions were not recorded" }, count(each.episode))),
       targets.length ? h("td", { "data-head": "Target" }, each.target ?? "") : null,
       h("td", { class: `ended ${kind(each.outcome, successes)}` }, ended,
         // On a narrow screen in the place of their columns.

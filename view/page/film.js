@@ -6,19 +6,20 @@ import { outcome, kitchenName } from "./format.js";
 import { gif } from "./gif.js";
 
 const [WIDTH, HEIGHT] = [640, 480];
-/** Height of each of the two lines beneath an episode's views, pixels. */
+/** Height of each of the two lines above an episode's views, pixels. */
 const LINE = 22;
 
-/** What the line beneath a picture says: which episode, which step, and at its end how it ended. */
+/** What the first line above the pictures says, as in the films of `replay`: which episode, and at its end how it ended. */
 export function caption({ key, last, place: where, episode: { number, target, outcome: ended, task } }, step) {
-  const at = Math.min(step, last);
-  return [`${where ?? kitchenName(key.split("-")[0])}, episode ${number}`, target, `step ${at} of ${last}`, at === last ? outcome(ended, task?.successes) : null].filter(Boolean).join(" · ");
+  const which = `${where ?? kitchenName(key.split("-")[0])}, episode ${number}${target ? `: ${target}` : ""}`;
+  return [which[0].toUpperCase() + which.slice(1), step >= last ? outcome(ended, task?.successes) : null].filter(Boolean).join(" · ");
 }
 
-/** What the second line says: the step's action and what it did. */
+/** What the second line says: the step, its action and what it did. */
 export function deeds(stage, step) {
-  const { acted, noted, measured } = stage.said(Math.min(step, stage.last));
-  return [acted, ...noted.map(({ text }) => text), measured].filter(Boolean).join(" · ");
+  const at = Math.min(step, stage.last);
+  const { acted, noted, measured } = stage.said(at);
+  return [`step ${at} of ${stage.last}${at ? `: ${acted}` : ""}`, ...noted.map(({ text }) => text), measured].filter(Boolean).join(" · ");
 }
 
 /** What the marks stand for, up to the right end of a line; gives where that begins. */
@@ -87,7 +88,7 @@ export async function film(stages, last, kind, speed, signal, told) {
   // A GIF grows with its pixels much faster.
   const small = kind.type ? 1 : stages.length > 1 ? 0.6 : 0.75;
   const [width, height] = [Math.round(WIDTH * small), Math.round(HEIGHT * small)];
-  // The room, what the robot sees of it beside that, and beneath both what there is to say; another episode below.
+  // What there is to say, beneath it what the robot sees and the room; another episode below.
   const tall = height + 2 * LINE;
   const canvas = h("canvas", { width: width + height, height: tall * stages.length });
   const pen = canvas.getContext("2d", { willReadFrequently: kind.type === null });
@@ -113,7 +114,7 @@ export async function film(stages, last, kind, speed, signal, told) {
     }
   };
   await Promise.all([draw(0, false), draw(1, true)]);
-  const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds, width);
+  const camera = kind.type ? new Recorded(canvas, kind.type) : new Kept(canvas, seconds, height);
   try {
     for (const [step, blobs] of drawn.entries()) {
       signal.throwIfAborted();
@@ -122,12 +123,12 @@ export async function film(stages, last, kind, speed, signal, told) {
       pen.fillRect(0, 0, canvas.width, canvas.height);
       pen.fillStyle = "#22262c";
       for (const [at, [room, depth]] of blobs.entries()) {
-        for (const [blob, left, wide] of [[room, 0, width], [depth, width, height]]) {
+        for (const [blob, left, wide] of [[depth, 0, height], [room, height, width]]) {
           const each = await createImageBitmap(blob);
-          pen.drawImage(each, left, at * tall, wide, height);
+          pen.drawImage(each, left, at * tall + 2 * LINE, wide, height);
           each.close();
         }
-        const [stage, line] = [stages[at], at * tall + height + 16];
+        const [stage, line] = [stages[at], at * tall + 16];
         pen.fillText(caption(stage, step), 6, line, legend(pen, stage.episode, canvas.width - 6, line) - 6);
         pen.fillText(deeds(stage, step), 6, line + LINE, canvas.width - 12);
       }

@@ -74,4 +74,4 @@ export function quantity({ name, unit, names, dtype }, numbers, named = true) {
 }
 
 /** An action's name in words: "MoveAheadContinuous" is "move ahead". */
-export const action = (name) => (name ? name.replace(/(Continuous|MidLevel)$/, "").replace(/([a-z])([A-Z])/g, "$1 $2").replace(/\b(P|M)$/, (sign) => (sign === "P" ? "+" : "−")).replace(/([XYZ])P$/, "$1 +").replace(/([XYZ])M$/, "$1 −").replace(/HeightP$/, "Height +").replace(/HeightM$/, "Height −").toLowerCase() : "start");
+export const action = (name) => (name ? name.replace(/(Continuous|MidLevel)$/, "").replace(/([a-z])([A-Z])/g, "$1 $2").replace(/\b(P|M)$/, (sign) => (sign === "P" ? "+" : "−")).replace(/([XYZ])P$/, "$1 +").replace(/([XYZ])M$/, "$1 −").replace(/HeightP$/, "Height +").replace(/HeightM$/, "Height −").replaceAll("_", " ").toLowerCase() : "start");

@@ -1,9 +1,9 @@
 // A film as an animated GIF, which every browser and every page of text shows. Colours are chosen by median cut over all
-// frames, for what lies left and right of a line apart: greys of the depth need many. What does not change from one frame to the next is left transparent, so that a film from a camera at rest is
+// frames, for what lies left and right of a line apart. What does not change from one frame to the next is left transparent, so that a film from a camera at rest is
 // small.
 
-/** Colours left and right; one more place is for what does not change. */
-const COLOURS = [159, 96];
+/** Colours left, where the depth's greys are, and right; one more place is for what does not change. */
+const COLOURS = [96, 159];
 const TRANSPARENT = 255;
 /** Pixels that differ less than this on every channel have not changed. */
 const SAME = 3;

@@ -3,7 +3,8 @@
 import { app, every, h, json, notice, orders, replace, showOrder, sorters, withToken } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
-export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
+/** A suite's run that is done is called as a run that is complete. */
+export const stateWord = (word) => { const state = word === "done" ? "complete" : word; return h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?"); };
 
 /** A run's name, after that of its suite, if that is not said beside it; that of an evaluation in a run's folder after both. */
 export function named({ suite, id, folder }, isBeside = false) {
@@ -56,11 +57,14 @@ export function means(group) {
   });
 }
 
-/** The metrics of these, those of more runs first; then in the order of the oldest run: a new run moves few. */
+/** The metrics of these, those of more runs first; then in the order of the oldest run: a new run moves few. One that is called
+ * by another's name and more comes after that one. */
 export function columnsOf(cards) {
   const all = [...cards].sort((one, other) => one.created_unix_s - other.created_unix_s).flatMap((card) => card.metrics.map(({ label }) => label));
   const many = (label) => all.filter((each) => each === label).length;
-  return [...new Set(all)].sort((one, other) => many(other) - many(one));
+  const labels = [...new Set(all)].sort((one, other) => many(other) - many(one));
+  const place = (label) => labels.findIndex((first) => label.startsWith(first));
+  return labels.sort((one, other) => place(one) - place(other));
 }
 
 /** What a card is sorted by; in a column that it has not it comes last. */
@@ -110,7 +114,7 @@ export async function showList(root, query, signal) {
     const lacks = !Number.isFinite(card.figures[metric?.name] ?? NaN);
     return h("td", { "data-head": label, class: `number${at > 1 ? " optional" : ""}${lacks ? " lacking" : ""}` }, metric && figure(metric, card.figures[metric.name]));
   });
-  const mean = (one) => h("tr", {}, h("td", {}), h("td", { style: { "padding-left": "1.5rem" } }, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
+  const mean = (one) => h("tr", { style: { "--indent": "1.5rem" } }, h("td", {}), h("td", {}, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
   const heading = ({ id, suite, suite_standing: { folder, counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
     h("a", { href: suiteAddress({ suite, suite_standing: { folder } }) }, `suite ${suite}`), `: ${counts}`, report && [" · ", h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: report }, "report")]));
   const row = (card) => {
@@ -130,9 +134,9 @@ export async function showList(root, query, signal) {
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const isWhole = card.state === "complete" && card.done >= card.budget;
     const done = `${count(card.done)}${isWhole ? "" : ` of ${count(card.budget)}`} ${card.evaluation ? "episodes" : "frames"}${left}`;
-    return h("tr", {},
+    return h("tr", { style: { "--indent": `${indent}rem` } },
       h("td", {}, box),
-      h("td", indent ? { style: { "padding-left": `${indent}rem` } } : {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${about(card)}`)),
+      h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${about(card)}`)),
       h("td", {}, card.state === "running"
         ? [progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))]
         : h("div", { class: "small whole" }, stateWord(card.state), h("span", { class: "faint" }, `, ${done}`))),

@@ -63,7 +63,7 @@ async function show() {
       await showEpisode(root, first, key, query, signal, named);
     } else if (kind === "run" && runs) {
       title(runs.split("+").join(", "), [crumb(runs.split("+").join(", "))]);
-      await (runs.includes("+") ? showTogether(root, runs.split("+"), signal) : showRun(root, runs, signal));
+      await (runs.includes("+") ? showTogether(root, runs.split("+"), signal) : showRun(root, runs, signal, (subject, evaluation) => title(runs, [crumb(subject, `#/run/${encodeURIComponent(subject)}`), crumb(evaluation)])));
     } else if (kind === "compare" && parts.length >= 3) {
       title("Side by side", [crumb(parts[1], `#/run/${parts[1]}`), crumb(parts[2], `#/run/${parts[2]}`), crumb("side by side")]);
       await showCompare(root, parts.slice(1, 3), query, signal);

@@ -15,7 +15,7 @@ function fieldName(key) {
 const FEW = 50;
 const SHARE = { kind: "share" };
 const heading = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
-export const range = (one, { low, high }) => [low, high].map((value) => bare(one, value).replace("%", "")).join("\u00a0–\u00a0");
+export const range = (one, { low, high }) => `${bare(one, low).replace("%", "")}\u00a0–\u00a0${bare(one, high)}`;
 const over = (value, below) => [value, below ? h("small", {}, below) : null];
 /** A figure with its interval beneath. */
 const estimate = (one, { point, interval }) => over(bare(one, point), interval && range(one, interval));
@@ -118,7 +118,7 @@ class Page {
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${this.drawn ? "" : `${group.task} · `}${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
         h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null, entry("frames", short(frames))),
         this.trained(group),
-        group.differences.length ? says(`other than ${group.preset}: ${group.differences.join("; ")}`) : null);
+        group.differences.length ? says(`changed from the preset ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
     return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null];
   }
@@ -133,7 +133,7 @@ class Page {
 
   /** The settings that are not the same in all groups. */
   differing() {
-    const text = (one) => (one === null ? "–" : typeof one === "string" ? one : JSON.stringify(one));
+    const text = (one) => (one === null ? "–" : typeof one === "string" ? one : Number.isInteger(one) ? count(one) : JSON.stringify(one));
     const value = (one) => (text(one).length > 40 ? `${text(one).slice(0, 39)}…` : text(one));
     // More columns than three do not fit.
     const listed = (values) => [values.map((one, at) => `${this.names[at]}: ${value(one)}`).join("; ")];
@@ -280,7 +280,7 @@ class Page {
     if (!trained) return this.none("Learning curves: none of these runs has trained a rollout, or only their evaluations were given (name the runs' own folders, too).");
     const sources = groups.map(({ label, runs, stages, metrics, training }) => {
       const of = new Map(training.map(({ metric, points }) => [metric, columns(points, stages)]));
-      const newest = stages.findLast(({ figures }) => Object.keys(figures).length)?.figures;
+      const newest = Object.fromEntries(Object.entries(stages.findLast(({ figures }) => Object.keys(figures).length)?.figures ?? {}).map(([metric, value]) => [metric, [value, "newest tenth"]]));
       return { name: label, metrics, newest, budget: Math.max(...runs.map(({ budget }) => budget)), stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
     });
     const curves = new Curves(sources, { axes: ["frames"], key: "report", smoothed: "smoothed bins", most: 1, hidden: this.hidden });
@@ -304,7 +304,7 @@ class Page {
       says(`Episodes of the validation kitchens${this.seeds ? ", where every seed was evaluated" : ""}${this.spread()}.`));
   }
 
-  /** The curves over limits that a task declares. */
+  /** The curves over thresholds that a task declares. */
   limits() {
     const parts = this.byTask(this.results).flatMap(([task, found]) => this.report.tasks[task].curves.map(({ name, label, doc, marks }) => {
       const of = (group, field) => {
@@ -314,11 +314,11 @@ class Page {
         return { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
       };
       const log = found.every(({ result }) => result.curves[name].every(({ at }) => at > 0));
-      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: `limit${/\((\w+)\)$/.exec(label)?.[1].replace(/^/, ", ") ?? ""}` }); Object.assign(made.content, { placed: true, marks: Object.entries(marks).map(([word, x]) => ({ x, label: word })) }); return made; };
+      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: `threshold${/ \(\w+\)$/.exec(label)?.[0] ?? ""}` }); Object.assign(made.content, { placed: true, marks: Object.entries(marks).map(([word, x]) => ({ x, label: word })) }); return made; };
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;
-    return section("limits", "Within limits", parts, says(`Mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}.`));
+    return section("limits", "Success by threshold", parts, says(`Mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}.`));
   }
 
   /** One episode of each run, as two policies play it where both were recorded. */

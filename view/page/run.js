@@ -3,7 +3,7 @@
 import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
 import { bytes, count, date, duration, figure, number, outcome, percent, reached, kitchenName, short, words } from "./format.js";
-import { about, named, progress, stateWord, suiteAddress } from "./list.js";
+import { about, columnsOf, named, progress, stateWord, suiteAddress } from "./list.js";
 import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
 /** From this share on the recordings are read: of a run at work there are always new ones. */
@@ -47,6 +47,7 @@ function figures(live) {
     card.metrics.filter(({ name }) => card.evaluation && name in card.figures).map((metric) => entry(metric.label, figure(metric, card.figures[metric.name]))),
     live.cores ? entry("processor", number(working, 1), `of ${live.cores} cores`) : null,
     live.gpus.map((gpu) => entry(`GPU ${gpu.index}`, percent(gpu.busy, 0), bytes(gpu.used_mib * 2 ** 20))),
+    card.evaluation || card.state === "running" || !live.frames_per_s ? null : entry("training time", duration(card.done / live.frames_per_s)),
     entry("wall time", duration(live.wall_s)),
   ];
   return h("dl", { class: "figures" }, items.filter(Boolean).flat(2).reduce((pairs, part) => {
@@ -60,10 +61,10 @@ function stages(live) {
   const { metrics } = live.card;
   const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
   const taken = ({ frames, budget }) => (frames < budget ? `${short(frames)} of ${short(budget)}` : `${short(budget)}, complete`);
-  return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Stages" },
+  return h("div", { class: "scroll" }, h("table", { class: "tight fold stages", "aria-label": "Stages" },
     h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col", class: "number" }, label)))),
     h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", { "data-head": "Stage" }, stage.name), h("td", { class: "optional", "data-head": "Reward" }, words(stage.reward)),
-      h("td", { class: "optional entire", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small whole" }, taken(stage)))), metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
+      h("td", { class: "optional", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small whole" }, taken(stage)))), metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage, over all of it where no episode ended there."));
 }
 
@@ -84,16 +85,16 @@ function kitchens(live, run) {
   const { metrics } = live.card;
   const most = ({ kind, name }) => (kind === "share" ? 1 : Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.figures[name] ?? 0)));
   const inks = ["--run-0", "--run-2", "--run-1", "--run-3", "--run-4", "--run-5"];
-  const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", { class: "small soft" }, text));
+  const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", {}, text));
   const reading = live.indexed < READ ? h("p", { class: "small soft" }, `Of the recordings ${reached(live.indexed)} are read so far.`) : null;
   // Of the oldest episodes, as yet.
   if (live.indexed < 0.9) return [reading];
-  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight meters${metrics.length > 2 ? " many" : ""}` },
-    h("thead", {}, h("tr", {}, ["Kitchen", "Episodes", ...metrics.map(({ label }) => label)].map((head) => h("th", { scope: "col" }, head)))),
+  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight fold meters${metrics.length > 2 ? " many" : ""}` },
+    h("thead", {}, h("tr", {}, ["Kitchen", "Episodes", ...metrics.map(({ label }) => label)].map((head, at) => h("th", { scope: "col", class: at ? "number" : null }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
-      h("td", {}, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
-      h("td", { class: "small soft" }, count(kitchen.episodes)),
-      metrics.map((metric, at) => h("td", {}, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name]), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
+      h("td", { "data-head": "Kitchen" }, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
+      h("td", { class: "number", "data-head": "Episodes" }, count(kitchen.episodes)),
+      metrics.map((metric, at) => h("td", { class: "number", "data-head": metric.label }, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name]), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
 }
 
 /** What an evaluation came to, in the words of `eval`. */
@@ -105,7 +106,7 @@ function results({ results: { heads, rows, intervals, figures: further }, card }
   const cell = (text) => h("td", { class: "number" }, text.replace(/^-/, "−"));
   return h("section", { class: "card" }, h("h2", {}, "Results"),
     h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Results" },
-      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head)))),
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head.replace(/^length$/, "steps"))))),
       h("tbody", {}, rows.map((one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes)), one.cells.map(cell)))))),
     intervals.map((sentence) => h("p", { class: "small" }, sentence)),
     h("dl", { class: "figures further" }, further.map(([name, value, doc]) => h("div", { title: doc }, h("dt", {}, name), h("dd", {}, value)))));
@@ -293,7 +294,7 @@ function evaluations(cards, { folder }) {
 
 /** What runs have come to, a line each; of one of a suite that has not begun its name and `standing`. `isBeside`: the suite is said. */
 export function overview(cards, isBeside = false) {
-  const labels = [...new Set(cards.flatMap(({ metrics }) => metrics.map(({ label }) => label)))];
+  const labels = columnsOf(cards.filter(({ metrics }) => metrics.length));
   const state = ({ state: own, standing, done, budget, evaluation, left_s: left }) => {
     const [word, why] = standing?.split(/: (.*)/s) ?? [own];
     return [stateWord(word), why && h("div", { class: "bad small" }, why), budget && h("div", { class: "faint small whole" }, `${count(done)} of ${count(budget)} ${evaluation ? "episodes" : "frames"}${own === "running" && left !== null ? `, ${duration(left)} left` : ""}`)];
@@ -327,8 +328,11 @@ export async function showTogether(root, runs, signal) {
   });
 }
 
-/** One run, by its events. */
-export async function showRun(root, run, signal) {
+/** The run whose weights an evaluation plays: it lies in its folder, or says so. */
+const subjectOf = (card, cards) => (card.evaluation ? cards.find((one) => !one.evaluation && !one.problem && (card.folder.startsWith(`${one.folder}/`) || card.conditions?.startsWith(`${one.id}/`)))?.id : null) ?? null;
+
+/** One run, by its events. `crumbs`: told the run and the evaluation's name where it is one of a run that is here. */
+export async function showRun(root, run, signal, crumbs) {
   const encoded = encodeURIComponent(run);
   const head = h("div", { class: "row between ends" });
   const summary = h("section", { class: "card stack", "aria-label": "Progress" });
@@ -386,7 +390,9 @@ export async function showRun(root, run, signal) {
       h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", { class: "number", "data-head": "Frames" }, count(one.frames)), live.card.metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, one.figures[metric.name]))))))))) : null));
     depths.know(live);
     thumbnails.know(live);
-    Object.assign(columns, { budget: live.card.budget, newest: live.stages.findLast(({ figures: known }) => Object.keys(known).length)?.figures ?? {} });
+    const tenth = Object.entries(live.stages.findLast(({ figures: known }) => Object.keys(known).length)?.figures ?? {}).map(([name, value]) => [name, [value, "newest tenth"]]);
+    const rate = live.frames_per_s === null ? [] : [["time/frames_per_second", [live.frames_per_s, live.card.state === "running" ? "now" : "mean"]]];
+    Object.assign(columns, { budget: live.card.budget, newest: Object.fromEntries([...tenth, ...rate]) });
     if (live.rollouts !== rollouts) {
       rollouts = live.rollouts;
       grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });
@@ -397,7 +403,8 @@ export async function showRun(root, run, signal) {
   every(10_000, signal, async () => {
     const cards = await json("/api/runs", { signal }).catch(() => []);
     // The run that an evaluation is of; its newest event says it.
-    subject = cards.find(({ folder }) => first.card.folder.startsWith(`${folder}/evaluations/`))?.id ?? subject;
+    subject = subjectOf(first.card, cards) ?? subject;
+    if (subject) crumbs(subject, first.card.folder.split("/").at(-1));
     update("evaluations", parts.evaluations, cards, () => evaluations(cards, first.card));
   });
   const events = follow(`/api/runs/${encoded}/live`);

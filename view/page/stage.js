@@ -372,7 +372,7 @@ export class Strip {
     const unit = task.channels.find(({ name }) => name === limited)?.unit;
     const most = Math.max(0, ...this.stages.flatMap(({ episode }) => episode.moments.map(({ channels }) => channels[limited]?.[0] ?? 0)));
     const rewards = this.stages.map((stage, index) => said(index ? "--run-1" : "--run-0", rewarded && `reward ${words(optimised(stage.episode))}${stage.name ? `, ${stage.name}` : ""}`));
-    return h("div", { class: "legend small soft" }, rewards, said("--faint", rewarded && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
+    return h("div", { class: "legend small soft" }, rewards, said("--faint", rewarded && "below zero"), said("--ghost", limited && `${words(limited, unit)}, at most ${number(most, 3)} ${unit ?? ""}`), said("--target", named(true)), said("--bad", named(false)), this.stages.length > 1 && limited && h("span", {}, `dashed: ${this.stages[1].name}`));
   }
 
   drag(event, go) { go(CLAMP(Math.floor(((event.offsetX - EDGE) / (this.canvas.clientWidth - 2 * EDGE)) * (this.steps + 1)), 0, this.steps)); }
@@ -478,8 +478,10 @@ export class Stage {
 
   /** What is to be said above the pictures. */
   title() {
-    const { environment, episode: { number } } = this;
-    return h("div", { class: "row" }, h("h1", {}, [this.episode.target, this.place].filter(Boolean).join(", ") || "Episode"), h("span", { class: this.kind() }, this.ended()), h("span", { class: "soft small" }, `${environment === null ? "" : `environment ${environment}, `}episode ${number}, ${this.last} steps`));
+    const { environment, place, episode: { number, target } } = this;
+    const title = [target, place].filter(Boolean).join(", ");
+    const which = [`episode ${number}`, ...(environment === null ? [] : [`environment ${environment}`])];
+    return h("div", { class: "row" }, h("h1", {}, title || which.join(", ").replace("e", "E")), h("span", { class: this.kind() }, this.ended()), h("span", { class: "soft small" }, [...(title ? which : []), `${this.last} steps`].join(", ")));
   }
 
   /** How it ended, and what kept it from ending better. */
@@ -488,8 +490,8 @@ export class Stage {
     const { channels } = moments.at(-1);
     const limited = task.channels.find(({ name }) => name === limit(task)?.channel);
     const [far] = channels.object_goal_m ?? channels.goal_distance_m ?? [];
-    const why = task.successes.indexOf(ended) > 0 && limited && channels[limited.name] ? quantity(limited, channels[limited.name]) : ended === "failure" && far !== undefined ? `${metres(far, 2)} from the goal` : null;
-    return [outcome(ended), why].filter(Boolean).join(", ");
+    const why = task.successes.indexOf(ended) > 0 && limited && channels[limited.name] ? quantity(limited, channels[limited.name], false) : ended === "failure" && far !== undefined ? `${metres(far, 2)} from the goal` : null;
+    return [outcome(ended, task.successes), why].filter(Boolean).join(", ");
   }
 
   /** Whether it ended well, as a class: the first success demands most. */
@@ -549,6 +551,9 @@ export class Stage {
     const now = moments[step];
     const limited = task.channels.find(({ name }) => name === limit(task)?.channel);
     const noted = marks(this.episode, now).map(({ name, good }) => ({ text: words(name), good }));
+    const { held, picked_up: taken } = now.channels;
+    const again = now.action?.startsWith("PickUp") && held?.[0] && !taken?.[0];
+    if (held?.[0]) noted.push({ text: again ? "already holding" : `holding ${this.episode.target ?? ""}`, good: !again });
     return { acted: action(now.action), noted, measured: limited && now.channels[limited.name] ? quantity(limited, now.channels[limited.name]) : null };
   }
 
@@ -579,7 +584,9 @@ export class Stage {
     const { constant, all } = terms(task, first.name);
     const doc = (part) => task.channels.find(({ name }) => name === part)?.doc ?? "";
     const unit = (part) => task.channels.find(({ name }) => name === part)?.unit;
-    const rows = (terms) => (this.step ? terms : []).map(({ part, weight, holds }) => [part, weight * holds(now.channels[part][0])]).filter(([, value]) => value !== 0)
+    // A reward that is one number is said once.
+    const isOne = task.rewards.length === 1 && constant === 0 && all.length === 1;
+    const rows = (terms) => (this.step && !isOne ? terms : []).map(({ part, weight, holds }) => [part, weight * holds(now.channels[part][0])]).filter(([, value]) => value !== 0)
       .map(([part, value]) => h("tr", { title: doc(part) }, h("td", {}, words(part, unit(part))), h("td", {}, signed(value))));
     // What another reward has beside the first one's terms.
     const added = (name) => terms(task, name).all.filter(({ part, weight }) => !all.some((other) => other.part === part && other.weight === weight));
@@ -589,7 +596,7 @@ export class Stage {
     const rewards = task.rewards.map(({ name }) => name).filter((name) => names.includes(name));
     replace(this.parts, h("table", { class: "parts small" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col", colSpan: 2, class: "alone" }, "Reward of this step"))),
-      h("tbody", {}, this.step ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
+      h("tbody", {}, this.step && constant ? h("tr", {}, h("td", {}, "each step"), h("td", {}, signed(constant))) : null,
         rows(all),
         rewards.map((name, at) => [at ? rows(added(name)) : null, h("tr", { class: "total" }, h("td", {}, words(name)), h("td", {}, signed(now.rewards[name] ?? 0)))]),
         rewards.map((name) => h("tr", {}, h("td", { class: "soft" }, `return so far, ${words(name)}`), h("td", { class: "soft" }, number(sum(name))))))));

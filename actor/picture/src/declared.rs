@@ -38,7 +38,7 @@ fn in_words(name: &str) -> String {
             _ => words.push(letter),
         }
     }
-    words.to_lowercase()
+    words.replace('_', " ").to_lowercase()
 }
 
 /// A channel's name without its unit; that of a distance says that it is one.
@@ -65,19 +65,34 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
         channel.role == Role::Part && channel.values == [0.0, 1.0] && field.number(record) == 1.0
     });
     let remark = |(channel, _): (&Channel, &Field)| (named(channel), is_good(spec, &channel.name));
-    let remarks = remarks.map(remark).collect();
+    let mut remarks: Vec<_> = remarks.map(remark).collect();
+    let number = |name: &str| spec.channel(name).map_or(0.0, |(_, field)| field.number(record));
+    let held = held(spec, record);
+    let action = action_name(spec, record).unwrap_or_default();
+    let again = held.is_some() && action.starts_with("PickUp") && number("picked_up") != 1.0;
+    if again {
+        remarks.push(("already holding".to_owned(), false));
+    }
     let is_measure =
         |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
     let measure = |(channel, field): (&Channel, &Field)| {
         format!("{} {:.3} {}", named(channel), field.number(record), channel.unit)
     };
     let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
+    let holds = held.filter(|_| !again).map(|target| format!("holding {target}"));
     Captions {
-        action: in_words(action_name(spec, record).unwrap_or_default()),
+        action: in_words(action),
         remarks,
-        measures: measures.collect::<Vec<_>>().join(", "),
+        measures: holds.into_iter().chain(measures).collect::<Vec<_>>().join(", "),
         outcome: None,
     }
+}
+
+/// The target, if it was held after the step.
+fn held(spec: &'static Spec, record: &[u8]) -> Option<&'static str> {
+    let (_, held) = spec.channel("held")?;
+    let (target, field) = spec.channel("target")?;
+    (held.number(record) == 1.0).then(|| target.names.get(field.number(record) as usize).map(String::as_str))?
 }
 
 pub fn task(spec: &'static Spec, environment: &Base, record: &[u8], title: String) -> Task {

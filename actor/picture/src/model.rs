@@ -1,12 +1,12 @@
 use super::camera::Camera;
 use super::canvas::Rgb;
 use super::palette;
-use super::robot::pieces;
+use super::robot::{HOLDS, pieces};
 use super::walls::Wall;
 use rapier3d::math::{Pose3, Vec3};
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::mesh::triangles_of;
-use simulator::robot::links::{PartPoses, part_shapes};
+use simulator::robot::links::{HAND, PartPoses, part_shapes};
 use simulator::shape::Shape;
 
 #[derive(Debug, Clone, Copy)]
@@ -68,12 +68,14 @@ impl Model {
         first
     }
 
-    /// Adds the robot in these poses as people see it, with or without its body, in which the head camera sits.
-    pub fn add_robot(&mut self, poses: &PartPoses, with_body: bool) {
+    /// Adds the robot in these poses as people see it, with or without its body, in which the head camera sits; its hand
+    /// has another colour while it holds something.
+    pub fn add_robot(&mut self, poses: &PartPoses, with_body: bool, is_holding: bool) {
         for piece in pieces().iter().filter(|piece| with_body || piece.part != 0) {
-            self.add(&piece.shape, &poses[piece.part], piece.colour, false);
+            let colour = if is_holding && piece.part == HAND { HOLDS } else { piece.colour };
+            self.add(&piece.shape, &poses[piece.part], colour, false);
             let body = self.colours.len() - 1;
-            (self.sections[body], self.open[body]) = (piece.colour, true);
+            (self.sections[body], self.open[body]) = (colour, true);
         }
     }
 

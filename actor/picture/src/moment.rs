@@ -28,6 +28,7 @@ pub struct Task {
 pub struct Moment {
     pub things: Vec<Pose3>,
     pub robot: PartPoses,
+    pub is_holding: bool,
     pub world_from_camera: Pose3,
     pub captions: Captions,
 }
@@ -37,6 +38,7 @@ impl Moment {
         Self {
             things: simulation.things().poses().to_vec(),
             robot: *simulation.part_poses(),
+            is_holding: simulation.holding(),
             world_from_camera,
             captions,
         }

@@ -12,6 +12,8 @@ use std::f32::consts::{FRAC_1_SQRT_2, PI};
 
 const DARK: Rgb = [62, 66, 74];
 const LIGHT: Rgb = [212, 214, 218];
+/// The hand while it holds something.
+pub const HOLDS: Rgb = [255, 200, 0];
 /// Half of the base's height, the radii of the mast and of the arm's carriage, half of the head's sizes, metres.
 const BASE_M: f32 = 0.1;
 const MAST_M: f32 = 0.055;
@@ -139,11 +141,24 @@ mod tests {
     }
 
     #[test]
+    fn the_hand_has_another_colour_while_it_holds() {
+        let poses = part_poses(&Configuration::start(0.0, 0.0, 0).posture()).unwrap();
+        let colours = [false, true].map(|is_holding| {
+            let mut model = Model::default();
+            model.add_robot(&poses, true, is_holding);
+            model.colours
+        });
+        let [empty, holds] = &colours;
+        let changed: Vec<_> = empty.iter().zip(holds).filter(|(one, other)| one != other).collect();
+        assert_eq!(changed, [(&DARK, &HOLDS)]);
+    }
+
+    #[test]
     fn what_is_drawn_is_where_the_robot_collides() {
         let poses = part_poses(&Configuration::start(0.5, -0.25, 3).posture()).unwrap();
         let (mut collides, mut drawn) = (Model::default(), Model::default());
         part_shapes().iter().zip(&poses).for_each(|(shape, pose)| collides.add(shape, pose, LIGHT, false));
-        drawn.add_robot(&poses, true);
+        drawn.add_robot(&poses, true, false);
         let ((low, high), (drawn_low, drawn_high)) = (collides.bounds(), drawn.bounds());
         let reach = Vec3::splat(0.03);
         assert!((drawn_low - low + reach).min_element() > 0.0, "{drawn_low} from {low}");

@@ -69,7 +69,7 @@ impl Scene {
     pub fn best(&self, moments: &[Moment]) -> Orbit {
         let mut model = self.at(&self.origins).0;
         for moment in moments.iter().take(1).chain(moments.last()) {
-            model.add_robot(&moment.robot, true);
+            model.add_robot(&moment.robot, true, moment.is_holding);
         }
         viewpoint::best(&model, &points(&self.task, moments))
     }
@@ -85,7 +85,7 @@ impl Scene {
     ) -> Canvas {
         let camera = orbit.camera();
         let mut model = self.at(&moment.things).0;
-        model.add_robot(&moment.robot, true);
+        model.add_robot(&moment.robot, true, moment.is_holding);
         let exposure = Exposure::take(&model, &camera, width, height, background);
         let depths_m = exposure.depths_m();
         let mut picture = self.develop(exposure, fine, shadow_on(&moment.robot));
@@ -104,7 +104,7 @@ impl Scene {
                 robot_camera(moment.world_from_camera)
             }
             Standpoint::Outside(orbit) => {
-                model.add_robot(&moment.robot, true);
+                model.add_robot(&moment.robot, true, moment.is_holding);
                 orbit.camera()
             }
         };
@@ -253,6 +253,7 @@ pub(crate) mod tests {
             robot: part_poses(&configuration.posture()).unwrap(),
             world_from_camera: world_from_camera(&configuration.posture(), configuration.camera_pitch_rad()),
             captions: Captions::default(),
+            is_holding: false,
             things,
         };
         let goal = Some(Vec3::new(0.0, 1.0, 0.0));
@@ -333,8 +334,8 @@ pub(crate) mod tests {
         let camera = scene.best(&moments).camera();
         let furnished = scene.at(&moments[0].things).0;
         let (mut whole, mut alone) = (furnished.clone(), Model::default());
-        whole.add_robot(&moments[0].robot, true);
-        alone.add_robot(&moments[0].robot, true);
+        whole.add_robot(&moments[0].robot, true, false);
+        alone.add_robot(&moments[0].robot, true, false);
         let draw = |model: &Model| {
             let corners = model.before(&camera).map(|(number, triangle)| (number, triangle.corners));
             Visible::draw(&camera, 160, 120, corners)

@@ -52,7 +52,7 @@ impl Storyboard {
         let target = task.target.map(|target| things + target as u32);
         let mut seen = model.clone();
         seen.add_arm(&moment.robot);
-        model.add_robot(&moment.robot, true);
+        model.add_robot(&moment.robot, true, moment.is_holding);
         let top = height - self.side;
         canvas.place(&depth_view(task, moment, (&seen, target), self.side, depth_mm), 0, top);
         self.draw_outside(&mut canvas, top, moment, &model);
@@ -141,7 +141,7 @@ mod tests {
                 things[usize::from(target == 0)] = camera * Pose3::translation(0.0, 0.25, AHEAD_M);
             }
             let robot = part_poses(&configuration.posture()).unwrap();
-            Moment { things, robot, world_from_camera: camera, captions: Captions::default() }
+            Moment { things, robot, is_holding: false, world_from_camera: camera, captions: Captions::default() }
         });
         let goal = Some(camera * goal);
         let task = Task { target: Some(target), goal, goal_tolerance_m: 0.1, title: "bring the Bread".to_owned() };

@@ -33,8 +33,8 @@ impl Views {
         let configuration = best_look(kitchen, &furnished)?;
         let poses = part_poses(&configuration.posture()).ok()?;
         let (mut whole, mut seen) = (furnished.clone(), furnished);
-        whole.add_robot(&poses, true);
-        seen.add_robot(&poses, false);
+        whole.add_robot(&poses, true, false);
+        seen.add_robot(&poses, false, false);
         let plan = Exposure::take(&whole, &PlanFrame::of(&whole).camera(), side, side, paper);
         let robot = Exposure::take(&seen, &robot_camera(pose_of(&configuration)), side, side, paper);
         let waiting: Vec<Lit> = plan.waiting().chain(robot.waiting()).collect();

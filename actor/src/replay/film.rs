@@ -167,6 +167,17 @@ mod tests {
         );
         assert!(said.measures.contains("wrist to object 0.250 m"), "{}", said.measures);
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
+        // While it is held, and where it is to be picked up again.
+        let mut again = record.clone();
+        rules.spec.channel("picked_up").unwrap().1.of_mut::<f32>(&mut again)[0] = 0.0;
+        rules.spec.channel("held").unwrap().1.of_mut::<u32>(&mut again)[0] = 1;
+        let says = |record: &[u8]| words(&rules, &Seen { record, rewards: Some(&[]) });
+        assert!(says(&again).measures.starts_with("holding Apple, "), "{}", says(&again).measures);
+        let pick_up = rules.spec.actions.names().iter().position(|name| name == "PickUpMidLevel").unwrap();
+        let place = rules.spec.layout().action.offset;
+        again[place] = pick_up as u8;
+        assert_eq!(says(&again).remarks, [("already holding".to_owned(), false)]);
+        assert!(!says(&again).measures.contains("holding"), "it is said once");
         let outcome = |word| outcome_in_words(&rules, word);
         assert_eq!(outcome("success-without-disturbance"), ("success without disturbance".to_owned(), Some(0)));
         assert_eq!(outcome("success"), ("success with disturbance".to_owned(), Some(1)));

@@ -4,6 +4,7 @@ use crate::output::terminal;
 use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, write};
 use crate::report_builder::gather::gather;
 use crate::run::identity::no_folder;
+use crate::suite;
 use crate::wrong::{demand, judged};
 use anyhow::Result;
 use proto::shell::quoted;
@@ -32,9 +33,9 @@ pub struct ReportArgs {
     /// runs/report]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Limit of the task's first curve, such as success within a displacement, metres; repeat it for each point [default:
+    /// Threshold of the task's first curve, such as success within a displacement, metres; repeat it for each point [default:
     /// those that the task declares]
-    #[arg(long = "threshold", value_name = "LIMIT", value_parser = limit)]
+    #[arg(long = "threshold", value_name = "METRES", value_parser = limit)]
     thresholds: Vec<f32>,
     /// The paper's main tables over many reports: adds the scores of these runs to FILE, which keeps those of earlier ones
     /// (kilobytes), and prints the tables of all in Markdown; without RUN it only prints
@@ -63,7 +64,15 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let is_file = out.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"));
     demand!(!is_file, "--out {} is to be a folder, for {PAGE} and {NUMBERS}: leave out .html", out.display());
     check_free(&out)?;
-    let gathered = gather(&args.runs)?;
+    // Groups are in the order of a suite's file, as on its page.
+    let mut given = Vec::new();
+    for run in &args.runs {
+        if suite::is_suite(run) {
+            given.extend(suite::begun(run)?);
+        }
+        given.push(run.clone());
+    }
+    let gathered = gather(&given)?;
     let runs = gathered.runs.len();
     let report = write(gathered, &options(&args.thresholds)?, &out)?;
     for line in report.episodes.iter().chain(&report.notes) {

@@ -145,15 +145,18 @@ fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
     })
 }
 
-/// How an episode ended: the most that ranks policies and is so, and the numbers that the task prints.
+/// How an episode ended: the most that ranks policies and is so, and the numbers that the task prints; of one that ended
+/// as well as can be those that are not 0.
 fn ending(spec: &Spec, record: &EpisodeRecord) -> String {
     let is = |name: &&str| spec.column(name).is_some_and(|column| record.has_all(&[column]));
     let ranking = spec.ranking();
     let best = ranking.iter().map(|metric| metric.name.as_str()).find(is);
+    let is_best = best.is_some() && best == ranking.first().map(|metric| metric.name.as_str());
     let best = best.or((!ranking.is_empty()).then_some("failure")).map(|name| name.replace('_', " "));
     let printed = spec.columns().into_iter().zip(&record.numbers).filter(|(one, _)| !one.label.is_empty());
     let numbers = printed.filter_map(|(one, &number)| match (one.kind, number) {
         (Kind::Share, _) | (_, None) => None,
+        (_, Some(number)) if is_best && number < 0.0005 => None,
         (Kind::Count, Some(count)) => Some(format!("{} {count}", one.label)),
         (_, Some(_)) => Some(format!("{} {} {}", one.label, in_words(&one, number), one.unit).trim_end().to_owned()),
     });

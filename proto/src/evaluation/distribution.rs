@@ -38,19 +38,17 @@ impl Distribution {
 
 /// Which episodes these are, as people read it. Distances are at most, metres; 0 = anywhere.
 pub fn describe(distribution: Distribution, start_m: f32, goal_m: f32) -> String {
-    let within = |limit_m: f32| match limit_m {
-        0.0 => "anywhere".to_owned(),
-        limit_m => format!("within {limit_m} m"),
-    };
     match distribution {
         Distribution::Fixed => "fixed episodes at full distance".to_owned(),
         Distribution::Seeds => "episodes of fixed seeds".to_owned(),
         Distribution::Run if start_m == 0.0 && goal_m == 0.0 => "drawn episodes at full distance".to_owned(),
-        Distribution::Run => format!(
-            "drawn episodes at short distances: the robot starts {}, the goal is {}",
-            within(start_m),
-            within(goal_m)
-        ),
+        Distribution::Run => {
+            let limited = [("the robot starts", start_m), ("the goal is", goal_m)]
+                .into_iter()
+                .filter(|(_, limit_m)| *limit_m != 0.0);
+            let limits: Vec<String> = limited.map(|(what, limit_m)| format!("{what} within {limit_m} m")).collect();
+            format!("drawn episodes at short distances: {}", limits.join(", "))
+        }
     }
 }
 
@@ -60,7 +58,8 @@ mod tests {
 
     #[test]
     fn distances_are_told() {
-        let text = describe(Distribution::Run, 0.0, 1.5);
-        assert!(text.ends_with("starts anywhere, the goal is within 1.5 m"), "{text}");
+        let text = |start_m, goal_m| describe(Distribution::Run, start_m, goal_m);
+        assert_eq!(text(0.0, 1.5), "drawn episodes at short distances: the goal is within 1.5 m");
+        assert!(text(0.7, 1.5).ends_with("distances: the robot starts within 0.7 m, the goal is within 1.5 m"));
     }
 }

@@ -208,12 +208,12 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     browser.wait_for(&format!("document.body.innerText.includes('step {last}')"));
     let room = pixels(browser, "canvas.orbit");
     keep(browser, "episode");
-    // What stands beneath the pictures of its film.
+    // What stands above the pictures of its film.
     let caption = browser.value(
         "(async () => { const { caption } = await import('/film.js'); const outcome = 'time-limit'; \
            return caption({ key: '3-0-17', last: 9, episode: { number: 41, target: 'Mug', outcome } }, 12); })()",
     );
-    assert_eq!(caption, "kitchen 3, episode 41 · Mug · step 9 of 9 · time limit");
+    assert_eq!(caption, "Kitchen 3, episode 41: Mug · time limit");
 
     // A finger has buttons for single steps.
     browser.value("document.querySelector('[aria-label=\"A step back\"]').click()");
