@@ -63,12 +63,10 @@ impl Progress {
         // More would not fit the line.
         let first = self.described.iter().take(if self.played > 0 { 3 } else { 0 });
         let figures = first.map(|one| format!("{} {}", one.label, shown(one, self.means[&one.name])));
-        match columns {
-            Some(columns) => fitting(done.into_iter().flatten().chain(figures), columns),
-            None => {
-                let figures = Some(figures.collect::<Vec<_>>().join("  ")).filter(|figures| !figures.is_empty());
-                done.into_iter().chain([figures]).flatten().collect::<Vec<_>>().join(BETWEEN)
-            }
+        if let Some(columns) = columns {
+            return fitting(done.into_iter().flatten().chain(figures), columns);
         }
+        let figures = Some(figures.collect::<Vec<_>>().join("  ")).filter(|figures| !figures.is_empty());
+        done.into_iter().chain([figures]).flatten().collect::<Vec<_>>().join(BETWEEN)
     }
 }
