@@ -195,11 +195,11 @@ fn the_pair_is_of_the_same_episodes_and_of_weights_from_both_sides_of_the_stage(
         pair_of(&runs[0], runs, |_| true).map(|pair| [pair.before.name.clone(), pair.after.name.clone()])
     };
     let [first, second] = ["20261121-test-novel", "20261121-test-seen"].map(str::to_owned);
-    assert_eq!(names(&with([260_000, 440_000, 440_000])), Some([first.clone(), second.clone()]));
-    assert_eq!(names(&with([440_000, 100_000, 440_000])), Some([second, first]));
-    assert_eq!(names(&with([260_001, 440_000, 440_000])), None, "both are from after the stage's end");
-    assert_eq!(names(&with([260_000, 100_000, 440_000])), None, "the third is of other kitchens");
-    let runs = with([260_000, 440_000, 440_000]);
+    assert_eq!(names(&with([170_000, 420_000, 420_000])), Some([first.clone(), second.clone()]));
+    assert_eq!(names(&with([420_000, 100_000, 420_000])), Some([second, first]));
+    assert_eq!(names(&with([170_001, 420_000, 420_000])), None, "both are from after the stage's end");
+    assert_eq!(names(&with([170_000, 100_000, 420_000])), None, "the third is of other kitchens");
+    let runs = with([170_000, 420_000, 420_000]);
     assert!(pair_of(&runs[0], &runs, |one| one.name.ends_with("seen")).is_none(), "what was not recorded is no use");
     // Drawn episodes depend on no seed either.
     let mut runs = vec![drawn(runs[0].clone())];
@@ -233,7 +233,7 @@ fn the_pair_is_of_the_same_episodes_and_of_weights_from_both_sides_of_the_stage(
     runs[1].config.scenes = vec!["scenes/000/scene.toml (sha256 0123456789abcdef)".into()];
     assert_eq!(names(&runs), None);
 
-    let mut runs = with([260_000, 440_000, 440_000]);
+    let mut runs = with([170_000, 420_000, 420_000]);
     let [number, other] = [3, 5].map(|at| runs[0].evaluations[0].episodes[at].episode);
     let kitchen = runs[0].evaluations[0].episodes[3].kitchen;
     let spec = runs[0].config.spec();

@@ -51,9 +51,9 @@ unless learner.shards is set.
 
 With --frames, stages that have ended keep their frames, and those that have not share the rest in proportion; of a
 complete run the last stage goes on, with its optimiser and episodes. Before the first stage has ended, the stages are
-those of `up --frames`. The result is not that of a run that had this budget from its beginning: the learning rate falls
-over the length of a stage (unless ppo.learning_rate_end = 1), and what is trained was trained under the old length; and
-the last rollout of a complete run is shorter, to end on the old budget.")]
+those of `up --frames`. The result is not that of a run that had this budget from its beginning: learning rate, entropy
+bonus and clip fall over the length of a stage (unless their `_end` in [ppo] is 1), and what is trained was trained under
+the old length; and the last rollout of a complete run is shorter, to end on the old budget.")]
 pub struct ResumeArgs {
     /// Run folder
     #[arg(value_name = "RUN")]

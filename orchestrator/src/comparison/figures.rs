@@ -234,9 +234,9 @@ mod tests {
         let two = run(&[(Part::Stage, "I: return"), (Part::Stage, "I: SR"), (Part::Stage, "II: SR"), kitchens]);
         let one = run(&[(Part::Stage, "I: return"), (Part::Stage, "I: score"), seeds]);
         let names = |runs: &[Vec<Figure>]| rows(runs).into_iter().map(|row| row.name).collect::<Vec<_>>();
-        let evaluations = ["seeds: score", "kitchens: SR"];
         let stages = ["I: return", "I: score", "I: SR", "II: SR"];
-        assert_eq!(names(&[two.clone(), one.clone()]), [&stages[..], &evaluations].concat());
-        assert_eq!(names(&[one, two])[4..], evaluations);
+        let seeds_first = [&stages[..], &["seeds: score", "kitchens: SR"]].concat();
+        assert_eq!(names(&[two.clone(), one.clone()]), seeds_first);
+        assert_eq!(names(&[one, two])[4..], ["kitchens: SR", "seeds: score"]);
     }
 }

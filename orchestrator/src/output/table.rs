@@ -170,7 +170,7 @@ mod tests {
         let titled = [vec!["a title of a part".to_owned()], row(["a", "b", "c"])];
         assert_eq!(aligned(&titled), ["a title of a part", "a  b  c"]);
         assert_eq!(wrapped("  one two", 6), ["  one", "two"]);
-        assert_eq!(wrapped("runs/20261121-demo", 10), ["runs/", "20261121-demo"]);
+        assert_eq!(wrapped("runs/20261121-demo", 10), ["runs/", "20261121-", "demo"]);
         assert_eq!(wrapped("in /one-long/a/b-c, d-e", 9), ["in", "/one-long/", "a/b-c,", "d-e"]);
         assert_eq!(wrapped("a-word-without/ end", 9), ["a-word-without/", "end"]);
         assert_eq!(wrapped("20261121-demo", 10), ["20261121-", "demo"]);

@@ -388,7 +388,7 @@ mod tests {
         folder.check(&suite).unwrap();
         let changed = Suite::parse(&TEXT.replace("[[runs]]", "[config.ppo]\nepochs = 1\n[[runs]]")).unwrap();
         let problem = folder.check(&changed).unwrap_err().to_string();
-        assert!(problem.contains("another configuration (ppo.epochs = 4)"), "{problem}");
+        assert!(problem.contains("another configuration (ppo.epochs = 2)"), "{problem}");
         let foreign = SuiteFolder::new(temporary.path());
         assert!(foreign.check(&suite).unwrap_err().to_string().contains("no suite"));
     }

@@ -7,7 +7,7 @@
 use super::run::write_config;
 use crate::output::{format, terminal};
 use anyhow::{Context, Result};
-use proto::config::{Config, StageConfig};
+use proto::config::{Config, PpoConfig, StageConfig};
 use proto::disk::sync_folder;
 use proto::learning_rate::{falling, learning_rate_progress};
 use proto::run_folder::RunFolder;
@@ -52,29 +52,38 @@ impl Budget {
         let stages = stages.collect::<Vec<_>>().join(", ");
         let mut lines =
             vec![format!("the budget is {} frames instead of {} ({stages})", count(&self.new), count(&self.old))];
-        if let Some((before, after)) = self.learning_rates(config) {
-            lines.push(format!(
-                "the learning rate falls over the length of a stage: the next update takes {after:.3e} instead of \
-                 {before:.3e}. What comes of it is not the run that would have had this budget from its beginning"
-            ));
-        }
+        let ppo = &config.ppo;
+        let falls = if let Some((before, after)) = self.changed(ppo, ppo.learning_rate, ppo.learning_rate_end) {
+            format!(
+                "the learning rate falls over the length of a stage: the next update takes {after:.3e} instead of {before:.3e}"
+            )
+        } else if self.changed(ppo, ppo.entropy_coefficient, ppo.entropy_coefficient_end).is_some() {
+            "the entropy bonus falls over the length of a stage".to_owned()
+        } else if self.changed(ppo, ppo.clip, ppo.clip_end).is_some() {
+            "the clip falls over the length of a stage".to_owned()
+        } else {
+            return lines;
+        };
+        lines.push(format!(
+            "{falls}. What comes of it is not the run that would have had this budget from its beginning"
+        ));
         lines
     }
 
-    /// The learning rates of the next update under the old budget and under the new one, if they differ. The stage in
-    /// progress must have been trained in: all of one that has not begun is under the new budget.
-    fn learning_rates(&self, config: &Config) -> Option<(f64, f64)> {
+    /// What a constant that falls from `start` to a share `end` of it is in the next update under the old budget and under
+    /// the new one, if they differ. The stage in progress must have been trained in: all of one that has not begun is under
+    /// the new budget.
+    fn changed(&self, ppo: &PpoConfig, start: f64, end: f64) -> Option<(f64, f64)> {
         let position = position_at(&self.new, self.trained)?;
         let old = &self.old[position.stage];
         if position.frames_in_stage == 0 || old.frames == self.new[position.stage].frames {
             return None;
         }
-        let rate = |stage: &StageConfig| {
-            let ppo = &config.ppo;
+        let value = |stage: &StageConfig| {
             let progress = learning_rate_progress(position.frames_in_stage, stage.frames, ppo.learning_rate_frames);
-            falling(ppo.learning_rate, ppo.learning_rate_end, progress)
+            falling(start, end, progress)
         };
-        let (before, after) = (rate(old), rate(&self.new[position.stage]));
+        let (before, after) = (value(old), value(&self.new[position.stage]));
         (before != after).then_some((before, after))
     }
 

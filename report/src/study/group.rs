@@ -167,7 +167,7 @@ pub(crate) mod tests {
         let names: Vec<&str> = groups[0].runs.iter().map(|run| run.name.as_str()).collect();
         assert_eq!(names, ["b", "a", "c"], "by seed");
         assert!(groups[0].differences.is_empty(), "{:?}", groups[0].differences);
-        assert_eq!(groups[1].differences, ["stages: r 5 000, then r′ 180 000 frames"]);
+        assert_eq!(groups[1].differences, ["stages: r 5 000, then r′ 250 000 frames"]);
     }
 
     #[test]

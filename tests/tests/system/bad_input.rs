@@ -174,7 +174,7 @@ const TYPED: &[(&str, &str)] = &[
     ("status", "the newest is `orchestrator status runs/a`"),
     ("stop", "the newest is `orchestrator stop runs/a`"),
     ("resume", "the newest is `orchestrator resume runs/a`"),
-    ("suite no-targets.toml --check", "an episode of the task `point_nav` (point-nav-demo-1) has no target"),
+    ("suite no-targets.toml --check", "an episode of point-nav-demo-1 has no target"),
     ("suite lr.suite.toml --check", "config.ppo.lr: unknown key `lr`; here it is `ppo.learning_rate=RATE`"),
     ("config demo --config pool", "pool: it is a folder"),
     ("view --address 127.0.0.1:8766", "--address 127.0.0.1 --port 8766"),

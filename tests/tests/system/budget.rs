@@ -17,7 +17,7 @@ fn stages(workshop: &Workshop, name: &str) -> Vec<u64> {
 fn a_complete_run_trains_on_to_a_larger_budget() {
     let workshop = Workshop::new();
     let short = complete(workshop.up("run", 1, 3, 2000)).result();
-    assert_eq!(stages(&workshop, "run"), [1181, 819]);
+    assert_eq!(stages(&workshop, "run"), [809, 1191]);
 
     complete(resume_to(&workshop, "run", 1999)).refused("the run has trained 2000 frames already");
     assert_eq!(complete(resume_to(&workshop, "run", 2000)).result(), short, "it has that budget");
@@ -30,7 +30,7 @@ fn a_complete_run_trains_on_to_a_larger_budget() {
     assert!(printed.stderr.contains("the budget is 3 100 frames instead of 2 000"), "{printed:#?}");
     assert!(printed.stderr.contains("the learning rate falls"), "{printed:#?}");
     assert!(!printed.stderr.contains("has changed since checkpoint"), "it was asked for: {printed:#?}");
-    assert_eq!(stages(&workshop, "run"), [1181, 1919]);
+    assert_eq!(stages(&workshop, "run"), [809, 2291]);
     let run = workshop.run("run");
     let rollouts: Vec<u64> = run.metrics().keys().copied().collect();
     assert!(rollouts.iter().copied().eq(0..rollouts.len() as u64), "one run without a gap: {rollouts:?}");
@@ -61,7 +61,7 @@ fn where_nothing_depends_on_the_length_of_a_stage_the_larger_budget_is_exact() {
         let stages = format!("stages=[{{ name = \"I\", reward = \"r\", frames = {frames} }}]");
         let mut command = workshop.orchestrator(&["up", "--preset", "demo", "--config", "tiny.toml", "--run", name]);
         command.args(["--seed", "5", "--actors", "1", "--envs-per-actor", "3"]);
-        command.args(["--set", "ppo.learning_rate_end=1", "--set", &stages]);
+        command.args(["--set", "ppo.learning_rate_end=1", "--set", "ppo.entropy_coefficient_end=1", "--set", &stages]);
         command
     };
     let whole = complete(up("whole", 900)).result();
