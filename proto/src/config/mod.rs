@@ -5,6 +5,7 @@
 //! [`Config::resolve_set`] does all but the last.
 
 mod changes;
+mod conditions;
 pub mod dqn;
 mod environment;
 mod episode;

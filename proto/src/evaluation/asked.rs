@@ -1,5 +1,4 @@
 use super::distribution::Distribution;
-use crate::config::Config;
 use crate::kitchen::{KitchenId, KitchenRange, Kitchens, Split, TargetCategory};
 use serde::{Deserialize, Serialize};
 
@@ -94,14 +93,6 @@ impl EvaluationConfig {
             hashes_by_kitchen: true,
             steps_per_s: None,
             checkpoint: None,
-        }
-    }
-
-    /// Of start and target, and of goal and target, metres; 0 = anywhere in the kitchen.
-    pub fn distances_max_m(&self, config: &Config) -> [f32; 2] {
-        match self.distribution {
-            Distribution::Fixed | Distribution::Seeds => [0.0; 2],
-            Distribution::Run => [config.episode.start_distance_max_m, config.episode.goal_distance_max_m],
         }
     }
 

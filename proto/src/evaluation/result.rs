@@ -1,9 +1,8 @@
-use super::asked::{EvaluationConfig, ObjectSet};
+use super::asked::ObjectSet;
 use super::distribution::{Distribution, describe};
 use super::figures::Figures;
 use super::interval::intervals;
 use super::record::EpisodeRecord;
-use crate::config::Config;
 use crate::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use crate::task::{ActionSpace, Described, Spec};
 use serde::{Deserialize, Serialize};
@@ -69,27 +68,6 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    pub fn of(config: &Config, asked: &EvaluationConfig, device: String) -> Self {
-        let [start_distance_max_m, goal_distance_max_m] = asked.distances_max_m(config);
-        Self {
-            split: asked.split,
-            procedural: asked.procedural,
-            scenes: config.scenes.clone(),
-            objects: asked.objects,
-            episodes: asked.episodes,
-            distribution: asked.distribution,
-            start_distance_max_m,
-            goal_distance_max_m,
-            deterministic: asked.deterministic,
-            seed: config.seed,
-            max_steps: config.episode.max_steps,
-            action_space: config.episode.action_space,
-            actors: config.actors.count,
-            environments_per_actor: config.actors.environments_per_actor,
-            device,
-        }
-    }
-
     /// Which episodes were played, as people read it.
     pub fn episodes_played(&self) -> String {
         describe(self.distribution, self.start_distance_max_m, self.goal_distance_max_m)

@@ -46,7 +46,7 @@ fn a_straggler_is_preempted_and_stages_end_on_their_budget() {
     // Both stages end exactly where they should, whatever was cut.
     let ends = metrics.values().filter_map(|line| line["frames"].as_u64()).collect::<Vec<_>>();
     let stage_end = metrics.values().filter(|line| line["stage"] == 0).filter_map(|line| line["frames"].as_u64()).max();
-    assert_eq!((stage_end, ends.last()), (Some(HURRIED_FRAMES * 260 / 440), Some(&HURRIED_FRAMES)), "{metrics:#?}");
+    assert_eq!((stage_end, ends.last()), (Some(HURRIED_FRAMES * 170 / 420), Some(&HURRIED_FRAMES)), "{metrics:#?}");
     assert_eq!(run.recorded()["/step"], HURRIED_FRAMES);
     run.assert_nothing_left();
 }

@@ -124,7 +124,7 @@ fn the_number_of_actors_changes_at_a_rollout_and_nothing_is_lost_or_played_twice
     let status = workshop.call(&["status", "scaled"]);
     for line in [
         "from rollout 5 on (300 frames): 1 host, 1 learner, 2 actors instead of 1 host, 1 learner, 3 actors",
-        "from rollout 11 on (540 frames): 1 host, 1 learner, 4 actors instead of 1 host, 1 learner, 2 actors",
+        "from rollout 11 on (526 frames): 1 host, 1 learner, 4 actors instead of 1 host, 1 learner, 2 actors",
     ] {
         assert!(status.stdout.contains(line), "{status:#?}");
     }
