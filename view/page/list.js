@@ -3,8 +3,7 @@
 import { app, every, h, json, notice, orders, replace, showOrder, sorters, withToken } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
-/** A suite's run that is done is called as a run that is complete. */
-export const stateWord = (word) => { const state = word === "done" ? "complete" : word; return h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?"); };
+export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
 
 /** A run's name, after that of its suite, if that is not said beside it; that of an evaluation in a run's folder after both. */
 export function named({ suite, id, folder }, isBeside = false) {

@@ -295,10 +295,8 @@ function evaluations(cards, { folder }) {
 /** What runs have come to, a line each; of one of a suite that has not begun its name and `standing`. `isBeside`: the suite is said. */
 export function overview(cards, isBeside = false) {
   const labels = columnsOf(cards.filter(({ metrics }) => metrics.length));
-  const state = ({ state: own, standing, done, budget, evaluation, left_s: left }) => {
-    const [word, why] = standing?.split(/: (.*)/s) ?? [own];
-    return [stateWord(word), why && h("div", { class: "bad small" }, why), budget && h("div", { class: "faint small whole" }, `${count(done)} of ${count(budget)} ${evaluation ? "episodes" : "frames"}${own === "running" && left !== null ? `, ${duration(left)} left` : ""}`)];
-  };
+  const state = ({ state: own, standing, why, done, budget, evaluation, left_s: left }) =>
+    [stateWord(standing ?? own), why && h("div", { class: "bad small" }, why), budget && h("div", { class: "faint small whole" }, `${count(done)} of ${count(budget)} ${evaluation ? "episodes" : "frames"}${own === "running" && left !== null ? `, ${duration(left)} left` : ""}`)];
   const row = (card) => h("tr", {},
     h("td", card.evaluation ? { style: { "padding-left": "1.5rem" } } : {}, card.preset ? [h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card, isBeside)), h("div", { class: "faint small" }, about(card))] : card.id),
     h("td", { "data-head": "Progress" }, state(card)),

@@ -67,7 +67,7 @@ export async function showSuite(root, name, query, signal) {
       replace(table, lines(own, report, place), says(report));
       const trained = own.filter(({ evaluation, problem }) => !evaluation && !problem);
       const listed = runs.map((run) => ({ ...run, card: trained.find((card) => card.folder.endsWith(`/runs/${run.name}`)) }));
-      replace(all, overview(listed.flatMap(({ name: run, state, card }) => (card ? [{ ...card, standing: state }, ...own.filter((one) => runOf(one, own) === card)] : [{ id: run, standing: state, metrics: [] }])), true));
+      replace(all, overview(listed.flatMap(({ name: run, state, reason, card }) => (card ? [{ ...card, standing: state, why: reason }, ...own.filter((one) => runOf(one, own) === card)] : [{ id: run, standing: state, why: reason, metrics: [] }])), true));
       for (const { what, seeds } of means(trained).sort((one, other) => place(one) - place(other))) for (const card of seeds) {
         kinds.set(what, kinds.get(what) ?? new Map());
         if (!kinds.get(what).has(card.id)) kinds.get(what).set(card.id, Object.assign(new Columns(card.id), { budget: card.budget }));

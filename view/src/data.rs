@@ -130,8 +130,10 @@ pub struct SuiteStanding {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SuiteRun {
     pub name: String,
-    /// E.g. `training`, `failed: no space`.
-    pub state: String,
+    /// E.g. `training`.
+    pub state: &'static str,
+    /// Of a failure.
+    pub reason: Option<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]

@@ -90,7 +90,7 @@ impl Runs for One {
         )
     }
     fn suite(&self, run: &str) -> Result<Vec<SuiteRun>, Problem> {
-        self.read(run, vec![SuiteRun { name: "b".to_owned(), state: "waiting".to_owned() }])
+        self.read(run, vec![SuiteRun { name: "b".to_owned(), state: "waiting", reason: None }])
     }
     fn film(&self, run: &str, key: EpisodeKey) -> Result<Film, Problem> {
         self.read(run, Film { kind: "video/mp4", bytes: key.to_string().into_bytes() })
@@ -240,7 +240,7 @@ fn a_report_is_shown_under_a_policy_of_its_own() {
     assert!(scripts.split(' ').all(|source| source.starts_with("'sha256-")), "{scripts}");
     assert_eq!(report.head.matches("content-security-policy").count(), 1);
     assert_eq!(server.get("/api/runs/b/report").status, 404);
-    assert_eq!(server.get("/api/runs/a/suite").body, "[{\"name\":\"b\",\"state\":\"waiting\"}]");
+    assert_eq!(server.get("/api/runs/a/suite").body, "[{\"name\":\"b\",\"state\":\"waiting\",\"reason\":null}]");
 }
 
 #[test]

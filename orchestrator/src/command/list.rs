@@ -1,4 +1,3 @@
-use crate::output::table::below_paths;
 use crate::output::{format, terminal};
 use crate::run::identity::no_folder;
 use crate::viewer::RunReaders;
@@ -48,9 +47,7 @@ pub fn print(cards: &[Card]) {
         terminal::note("no run yet: `orchestrator up` starts one");
     }
     let row = |card: &Card| [vec![card.folder.clone()], cells(card)].concat();
-    for line in below_paths(&cards.iter().map(row).collect::<Vec<_>>(), terminal::width()) {
-        terminal::out(&line);
-    }
+    terminal::out_table(&cards.iter().map(row).collect::<Vec<_>>());
     note(cards);
 }
 

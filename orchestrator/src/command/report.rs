@@ -1,5 +1,4 @@
 use crate::output::format::counted;
-use crate::output::table::below_paths;
 use crate::output::terminal;
 use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, write};
 use crate::report_builder::gather::gather;
@@ -86,9 +85,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
         return Ok(());
     }
-    for line in below_paths(&rows(&report, 1), terminal::width()) {
-        terminal::out(&line);
-    }
+    terminal::out_table(&rows(&report, 1));
     let groups = report.groups.len();
     let evaluated = report.groups.iter().filter(|group| !group.results.is_empty()).count();
     let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));

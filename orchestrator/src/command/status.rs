@@ -4,12 +4,11 @@ use super::list;
 use crate::environment::growing;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
-use crate::output::table::below_paths;
 use crate::output::terminal;
 use crate::run::identity::{Identity, Incarnation};
 use crate::run::lock::{LockState, holder, state_of};
 use crate::run::process_state::{Stopped, stopped};
-use crate::suite;
+use crate::suite::{self, At};
 use crate::training::means::{Recent, StageMeans, by_stage, recent};
 use crate::training::metrics::Figures;
 use crate::training::next_steps;
@@ -200,12 +199,10 @@ pub fn of_suite(root: &Path, json: bool) -> Result<()> {
     };
     terminal::out(&standing.summary());
     let runs = standing.each();
-    for line in below_paths(&suite_rows(&runs, &cards), terminal::width()) {
-        terminal::out(&line);
-    }
+    terminal::out_table(&suite_rows(&runs, &cards));
     terminal::out(&format!("runs in {}", root.join("runs").display()));
-    for (run, at) in &runs {
-        if let Some((_, reason)) = at.split_once(": ") {
+    for (run, _, reason) in &runs {
+        if let Some(reason) = reason {
             terminal::out_wrapped(&format!("{}: {reason}", run.display()));
         }
     }
@@ -214,15 +211,14 @@ pub fn of_suite(root: &Path, json: bool) -> Result<()> {
 }
 
 /// A row for each run in the order of the suite's file, below it one for each of its evaluations, the oldest first.
-fn suite_rows(runs: &[(PathBuf, String)], cards: &[Card]) -> Vec<Vec<String>> {
+fn suite_rows(runs: &[At], cards: &[Card]) -> Vec<Vec<String>> {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     // The name says what the subject would.
     let figures = |card: &Card| list::cells(card).into_iter().skip(2).collect();
     let mut rows = Vec::new();
-    for (run, at) in runs {
-        let at = at.split([':', '(']).next().unwrap_or_default().trim_end().to_owned();
+    for (run, at, _) in runs {
         let of_run = cards.iter().find(|card| Path::new(&card.folder) == run).map_or_else(Vec::new, figures);
-        rows.push([vec![name(run), at], of_run].concat());
+        rows.push([vec![name(run), (*at).to_owned()], of_run].concat());
         let evaluations = run.join("evaluations");
         for card in cards.iter().rev().filter(|card| Path::new(&card.folder).parent() == Some(&*evaluations)) {
             rows.push(

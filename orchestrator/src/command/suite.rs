@@ -1,12 +1,12 @@
 use super::status::of_suite;
 use crate::output::format::{bytes, count, counted};
-use crate::output::table::{aligned, below_paths};
+use crate::output::table::aligned;
 use crate::output::terminal;
 use crate::preflight::disk::need;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
-use crate::suite::{Asked, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, run as work, standings};
+use crate::suite::{Asked, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, begun, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
 use crate::wrong::judged;
@@ -132,8 +132,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     if !args.json {
         of_suite(&root, false)?;
     }
-    let begun = suite.entries.iter().map(|entry| folder.run(entry)).filter(|run| run.identity().exists());
-    let begun: Vec<PathBuf> = begun.map(|run| run.root().to_path_buf()).collect();
+    let begun = begun(&root)?;
     let tell = |page: Option<PathBuf>| {
         let page = page.map(|page| page.display().to_string());
         if args.json {
@@ -163,9 +162,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
             terminal::note(note);
         }
         if !args.json {
-            for line in below_paths(&files::rows(&report, 2), terminal::width()) {
-                terminal::out(&line);
-            }
+            terminal::out_table(&files::rows(&report, 2));
         }
         tell(Some(folder.page()))?;
     }

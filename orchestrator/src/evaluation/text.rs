@@ -59,7 +59,7 @@ pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Opti
     (distribution == Distribution::Seeds).then_some(seeds)
 }
 
-/// In so many columns of a terminal, if it is one: there the episodes were announced.
+/// `columns`: of the terminal, if it is one. There the line about the episodes stands already, from the beginning.
 pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
     let conditions = &evaluation.conditions;

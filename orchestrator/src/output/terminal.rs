@@ -5,7 +5,7 @@
 //! program says that results are lost, as on a full disk: [`demand_written`].
 
 use super::name::as_called;
-use super::table::wrapped;
+use super::table::{below_paths, wrapped};
 use proto::printable::printable;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -161,8 +161,15 @@ pub fn width() -> Option<usize> {
 /// Like [`out`], broken between words where standard output is a terminal that is too narrow.
 pub fn out_wrapped(text: &str) {
     let width = width().unwrap_or(usize::MAX);
-    // Before a command's name and its first word stand in two lines.
+    // The program's name is replaced in the whole text: a command could be broken between two lines.
     as_called(text).lines().flat_map(|line| wrapped(line, width)).for_each(|line| out(&line));
+}
+
+/// A table, with each path in a line of its own where it would be wider than the terminal.
+pub fn out_table(rows: &[Vec<String>]) {
+    for line in below_paths(rows, width()) {
+        out(&line);
+    }
 }
 
 /// Like [`note`], broken between words.

@@ -105,8 +105,8 @@ fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
     rows
 }
 
-/// A row for each result of a group that is over so many seeds at least: whose and of which episodes, over how many, and the metrics of its task with the
-/// intervals over seeds.
+/// A row for each result of a group that is over so many seeds at least: the group, which episodes and how many, and the
+/// metrics of its task with their intervals over seeds.
 pub fn rows(report: &Report, least: usize) -> Vec<Vec<String>> {
     let row = |(group, result): (&GroupReport, &FieldResult)| {
         let metric = |one: &Described| {

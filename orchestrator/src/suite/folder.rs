@@ -11,7 +11,8 @@
 //!   report/           the report
 //! ```
 
-use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry, some_of};
+use super::file::{Asked, AskedCheckpoint, Suite, SuiteEntry};
+use super::in_words::some_of;
 use crate::report_builder::files::PAGE;
 use crate::run::cut_off::remove_evaluation;
 use crate::run::identity::is_evaluation;

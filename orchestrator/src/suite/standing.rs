@@ -9,9 +9,15 @@ use proto::run_folder::RunFolder;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+const CUT_OFF: &str = "cut off";
+
+/// The folder of a run, what it is at, and the reason of a failure.
+pub type At<'a> = (PathBuf, &'static str, Option<&'a str>);
+
 /// The folders of a suite's runs that have begun.
 pub fn begun(root: &Path) -> Result<Vec<PathBuf>> {
-    let runs = Standing::read(root)?.each().into_iter().map(|(run, _)| run);
+    let standing = Standing::read(root)?;
+    let runs = standing.each().into_iter().map(|(run, ..)| run);
     Ok(runs.filter(|run| RunFolder::new(run).identity().exists()).collect())
 }
 
@@ -36,17 +42,22 @@ impl Standing {
         Ok(Self { folder, name, runs, is_held })
     }
 
+    fn is_cut_off(&self, status: &Status) -> bool {
+        !self.is_held && matches!(status, Status::Training | Status::Evaluating { .. })
+    }
+
+    fn word(&self, status: &Status) -> &'static str {
+        if self.is_cut_off(status) { CUT_OFF } else { status.word() }
+    }
+
     fn text(&self, status: &Status) -> String {
-        match status {
-            Status::Training | Status::Evaluating { .. } if !self.is_held => "cut off".to_owned(),
-            status => status.text(),
-        }
+        if self.is_cut_off(status) { CUT_OFF.to_owned() } else { status.text() }
     }
 
     /// How many runs it has, and how many of them are at what, e.g. `1 of 2 runs complete, 1 evaluating`.
     pub fn counts(&self) -> String {
-        let words = ["training", "evaluating", "waiting", "stopped", "cut off", "failed"];
-        let count = |word: &str| self.runs.values().filter(|run| self.text(&run.status).starts_with(word)).count();
+        let words = ["training", "evaluating", "waiting", "stopped", CUT_OFF, "failed"];
+        let count = |word: &str| self.runs.values().filter(|run| self.word(&run.status) == word).count();
         let mut parts = vec![format!("{} of {} complete", count("complete"), counted(self.runs.len() as u64, "run"))];
         parts.extend(
             words
@@ -72,15 +83,11 @@ impl Standing {
         runs
     }
 
-    /// The folder of each run, in the order of the suite's file, and what it is at.
-    pub fn each(&self) -> Vec<(PathBuf, String)> {
+    /// Each run in the order of the suite's file.
+    pub fn each(&self) -> Vec<At<'_>> {
         let runs = self.folder.root().join("runs");
-        self.runs().into_iter().map(|[name, state]| (runs.join(name), state)).collect()
-    }
-
-    /// Each run's name, and what it is at.
-    pub fn runs(&self) -> Vec<[String; 2]> {
-        self.in_order().into_iter().map(|(name, status)| [name.clone(), self.text(status)]).collect()
+        let in_order = self.in_order().into_iter();
+        in_order.map(|(name, status)| (runs.join(name), self.word(status), status.reason())).collect()
     }
 
     /// Where the run of this folder, or of this folder of an evaluation, stands in the order of the suite's file; and in a
@@ -94,7 +101,8 @@ impl Standing {
             let status = self.text(&self.runs.get(name)?.status);
             Some(format!("suite {}: run {number} of {}, {status}", self.name, self.runs.len()))
         };
-        let each = self.runs().iter().map(|run| run.join(" ")).collect::<Vec<_>>().join(", ");
+        let each = runs.iter().map(|(name, status)| format!("{name} {}", self.text(status)));
+        let each = each.collect::<Vec<_>>().join(", ");
         format!("{}\n{each}", of_run().unwrap_or_else(|| self.summary()))
     }
 
@@ -127,11 +135,7 @@ mod tests {
         assert_eq!(standing.summary(), "suite small: 1 of 2 runs complete, 1 evaluating");
         let each = "tiny-2 complete, tiny-1 evaluating (suite-test-novel-2)";
         let runs = ["tiny-2", "tiny-1"].map(|name| root.join("runs").join(name));
-        let evaluating = "evaluating (suite-test-novel-2)";
-        assert_eq!(
-            standing.each(),
-            [(runs[0].clone(), "complete".to_owned()), (runs[1].clone(), evaluating.to_owned())]
-        );
+        assert_eq!(standing.each(), [(runs[0].clone(), "complete", None), (runs[1].clone(), "evaluating", None)]);
         assert_eq!(begun(&root).unwrap(), [""; 0].map(PathBuf::from));
         std::fs::create_dir_all(&runs[1]).unwrap();
         std::fs::write(RunFolder::new(&runs[1]).identity(), "").unwrap();

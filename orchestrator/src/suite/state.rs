@@ -39,6 +39,11 @@ impl Status {
         }
     }
 
+    /// Of a failure.
+    pub fn reason(&self) -> Option<&str> {
+        if let Self::Failed { reason } = self { Some(reason) } else { None }
+    }
+
     pub fn text(&self) -> String {
         match self {
             Self::Evaluating { evaluation } => format!("evaluating ({evaluation})"),

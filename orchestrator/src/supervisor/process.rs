@@ -256,7 +256,7 @@ async fn attend(attended: Attended, log: File, events: mpsc::Sender<Event>, mut 
                 may_be_killed = false;
                 if order.is_ok() {
                     if let (Some(_), Some(id)) = (&notes, group) {
-                        // Python writes down where it is. Other programs ignore it.
+                        // Python writes a trace to standard error. The library of other languages ignores the signal.
                         let _ = kill_process(id, Signal::USR1);
                         let _ = tokio::time::timeout(TRACE_WITHIN, child.wait()).await;
                     }

@@ -55,7 +55,8 @@ impl Budget {
         let ppo = &config.ppo;
         let falls = if let Some((before, after)) = self.changed(ppo, ppo.learning_rate, ppo.learning_rate_end) {
             format!(
-                "the learning rate falls over the length of a stage: the next update takes {after:.3e} instead of {before:.3e}"
+                "the learning rate falls over the length of a stage: the next update takes {after:.3e} instead of \
+                 {before:.3e}"
             )
         } else if self.changed(ppo, ppo.entropy_coefficient, ppo.entropy_coefficient_end).is_some() {
             "the entropy bonus falls over the length of a stage".to_owned()

@@ -9,7 +9,7 @@ mod roster;
 pub mod tail;
 mod watched;
 
-use crate::suite::Standing;
+use crate::suite::{At, Standing};
 use proto::bounded::RESULT_BYTES_MOST;
 use proto::run_folder::RunFolder;
 use roster::{Entry, Roster};
@@ -270,7 +270,11 @@ impl Runs for RunReaders {
 
     fn suite(&self, run: &str) -> Result<Vec<SuiteRun>, Problem> {
         let (_, standing) = self.suite_of(run)?;
-        Ok(standing.runs().into_iter().map(|[name, state]| SuiteRun { name, state }).collect())
+        let run = |(folder, state, reason): At<'_>| {
+            let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            SuiteRun { name, state, reason: reason.map(str::to_owned) }
+        };
+        Ok(standing.each().into_iter().map(run).collect())
     }
 
     fn film(&self, run: &str, key: EpisodeKey) -> Result<Film, Problem> {
