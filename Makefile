@@ -109,6 +109,7 @@ play: build
 # .config/nextest.toml says what `make test` leaves out; plain cargo leaves out nothing.
 nextest := cargo nextest run --release --locked --workspace --no-fail-fast
 test-all: which := --ignore-default-filter
+test-all: library
 test test-all: build
 	@if cargo nextest --version >/dev/null 2>&1; then \
 		set -x; $(nextest) $(which); \

@@ -109,6 +109,7 @@ fn parsed() -> CommandLine {
 fn main() -> ExitCode {
     // First: any query for CUDA before its library is loaded makes CUDA unavailable for the whole process.
     learner::device::load_cuda();
+    learner::device::keep_freed_memory();
     wire::logging::to_stderr();
     // One that was not started by the orchestrator has inherited no raised limit.
     wire::descriptors::raise_limit();

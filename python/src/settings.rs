@@ -87,7 +87,8 @@ impl Settings {
             return Err(PyValueError::new_err("disturbance_weight counts with reward=\"r_prime\" only"));
         }
         config.validate().map_err(|error| match error {
-            ConfigError::OutOfRange { key: "reward", value, problem, .. } => {
+            ConfigError::OutOfRange { key: "reward", problem, .. } => {
+                let value = config.reward.weights["lambda_disturb"];
                 PyValueError::new_err(format!("disturbance_weight is {value}: it {problem}"))
             }
             ConfigError::OutOfRange { key, value, problem, .. } => {
