@@ -1,4 +1,5 @@
 use super::status::of_suite;
+use super::up::needs_environment;
 use crate::output::format::{bytes, count, counted};
 use crate::output::table::aligned;
 use crate::output::terminal;
@@ -6,6 +7,7 @@ use crate::preflight::disk::need;
 use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
+use crate::run::scenes;
 use crate::suite::{Asked, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, begun, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
@@ -116,6 +118,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
     };
     let folder = SuiteFolder::new(&root);
     folder.check(&suite)?;
+    judged(check_runs(&suite, &folder))?;
     for warning in suite.without_stage_one() {
         terminal::note(&warning);
     }
@@ -223,6 +226,24 @@ fn again(args: &SuiteArgs) -> String {
         call.push("--json".to_owned());
     }
     call.join(" ")
+}
+
+/// Refuses runs that could not begin, before the first does. A run that has begun has its own copy of its scenes.
+fn check_runs(suite: &Suite, folder: &SuiteFolder) -> Result<()> {
+    let mut sound: Vec<&[String]> = Vec::new();
+    for entry in &suite.entries {
+        let SuiteEntry { name, preset, config, .. } = entry;
+        ensure!(
+            !needs_environment(preset, config),
+            "{name}: preset {preset} needs an environment of your own, which a suite cannot name: `up --env` can"
+        );
+        let scenes = config.scenes.as_slice();
+        if !sound.contains(&scenes) && !folder.run(entry).identity().exists() {
+            scenes::check(config).with_context(|| name.clone())?;
+            sound.push(scenes);
+        }
+    }
+    Ok(())
 }
 
 /// Refuses GPUs that torch does not find, in one sentence instead of one a run.

@@ -76,6 +76,11 @@ pub struct UpArgs {
 /// The preset of environments of the user's.
 const OF_ENVIRONMENTS: &str = "gym";
 
+/// Whether the preset is for environments of the user's, but the task is that of the kitchens.
+pub(super) fn needs_environment(preset: &str, config: &Config) -> bool {
+    preset == OF_ENVIRONMENTS && config.task == Config::default().task
+}
+
 pub fn run(args: &UpArgs) -> Result<ExitCode> {
     if args.json {
         events::begin();
@@ -118,7 +123,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         _ => error,
     })?;
     demand!(
-        preset != OF_ENVIRONMENTS || config.task != Config::default().task,
+        !needs_environment(&preset, &config),
         "preset {preset} needs `--env gymnasium:ID`, or a task of your own: its constants are not for kitchens"
     );
     check_hosts(&config, member.as_ref())?;

@@ -59,6 +59,20 @@ fn a_finished_suite_is_shown(workshop: &Workshop) {
 }
 
 #[test]
+fn a_run_that_could_not_begin_is_refused_with_the_file() {
+    let workshop = Workshop::new();
+    for (run, problem) in [
+        ("preset = \"gym\"", "gym-1: preset gym needs an environment of your own, which a suite cannot name"),
+        ("preset = \"demo\"\nconfig.scenes = [\"gone.toml\"]", "demo-1: gone.toml"),
+    ] {
+        std::fs::write(workshop.path("suite.toml"), format!("seeds = [1]\n[[runs]]\n{run}\n")).expect("a file");
+        let printed = workshop.call(&["suite", "suite.toml", "--check"]);
+        printed.refused(problem);
+        assert_eq!((printed.status, printed.stdout.as_str()), (Some(2), ""), "{printed:#?}");
+    }
+}
+
+#[test]
 fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     let workshop = Workshop::new();
     suite(&workshop, 900, "[[runs]]\npreset = \"demo\"\nname = \"after\"\nfrom = \"tiny\"\nseeds = [5]");
