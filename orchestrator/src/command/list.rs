@@ -9,7 +9,7 @@ use std::time::Duration;
 use view::data::{Card, Runs};
 
 pub const RUNS: &str = "runs";
-/// Where an evaluation of a policy file stands.
+/// Where evaluations stand: in their run, or beside `runs` those of policy files.
 pub const EVALUATIONS: &str = "evaluations";
 
 /// List runs and evaluations with their state, the newest first

@@ -1,6 +1,6 @@
 //! `orchestrator status`: how a run or an evaluation stands, from its folder alone.
 
-use super::list;
+use super::list::{self, EVALUATIONS};
 use crate::environment::growing;
 use crate::evaluation::progress::Progress;
 use crate::output::format;
@@ -31,8 +31,8 @@ use view::data::{Card, Runs};
 
 /// Show how a run or an evaluation stands
 ///
-/// Says also what keeps a run from going on: processes that are stopped, and how long ago the last rollout was trained
-/// if that is unusually long.
+/// Lists a run's evaluations, too, and says what keeps a run from going on: processes that are stopped, and how long ago
+/// the last rollout was trained if that is unusually long.
 ///
 /// Wall time is counted from the beginning of each start to its end, not in between, by a clock that nobody sets; a start
 /// that was killed counts until the last rollout that it trained.
@@ -219,7 +219,7 @@ fn suite_rows(runs: &[At], cards: &[Card]) -> Vec<Vec<String>> {
     for (run, at, _) in runs {
         let of_run = cards.iter().find(|card| Path::new(&card.folder) == run).map_or_else(Vec::new, figures);
         rows.push([vec![name(run), (*at).to_owned()], of_run].concat());
-        let evaluations = run.join("evaluations");
+        let evaluations = run.join(EVALUATIONS);
         for card in cards.iter().rev().filter(|card| Path::new(&card.folder).parent() == Some(&*evaluations)) {
             rows.push(
                 [vec![format!("  {}", name(Path::new(&card.folder))), card.state.clone()], figures(card)].concat(),
@@ -280,6 +280,11 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     }
     if let Some(recordings) = recordings {
         terminal::out_wrapped(&format::recordings(&recordings));
+    }
+    let evaluations = folder.root().join(EVALUATIONS);
+    let evaluations = if evaluations.is_dir() { RunReaders::once(vec![evaluations]).list() } else { Vec::new() };
+    if !evaluations.is_empty() {
+        list::print(&evaluations);
     }
     // An evaluation is not gone on with.
     if held == LockState::Free && !work.is_complete() && matches!(work, Work::Training { .. }) {

@@ -26,7 +26,7 @@ frames = 1_000_000                # optional: all stages of every run scaled to 
 config.learner.threads = 2        # optional: keys laid over every preset
 
 [[evaluations]]                   # of every trained run, as `orchestrator eval` takes it
-split = "test"                    # or "valid"
+split = "test"                    # or "valid", "train"
 objects = "novel"                 # or "seen", "all"
 episodes = 60                     # optional; also deterministic = true
 checkpoint = "best"               # optional: the best by its own validation; else "newest"
@@ -199,11 +199,17 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
         terminal::out(&line);
     }
     let [frames, disk] = [0, 1].map(|which| suite.entries.iter().map(|entry| size(entry)[which]).sum());
-    let (runs, evaluations) = (suite.entries.len() as u64, suite.evaluations.len() as u64);
-    let each = if runs == 1 { "" } else { " each" };
-    let (runs, evaluations) = (counted(runs, "run"), counted(evaluations, "evaluation"));
-    let (frames, disk) = (count(frames), bytes(disk));
-    terminal::out(&format!("{runs} in this order, {evaluations}{each}: {frames} frames, at most {disk} on the disk"));
+    let (runs, frames, disk) = (counted(suite.entries.len() as u64, "run"), count(frames), bytes(disk));
+    terminal::out(&format!(
+        "{runs} in this order into {}: {frames} frames, at most {disk} on the disk",
+        folder.root().display()
+    ));
+    let evaluations = names(suite).join(", ");
+    terminal::out(&if evaluations.is_empty() {
+        "no [[evaluations]]: the report will have learning curves only".to_owned()
+    } else {
+        format!("evaluations of each run: {evaluations}")
+    });
     Ok(())
 }
 

@@ -5,10 +5,11 @@ use crate::report_builder::gather::Gathered;
 use crate::report_builder::strips::strips;
 use crate::run::identity::unix_now;
 use crate::wrong::{demand, reject};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::write_atomically;
+use proto::shell::quoted;
 use proto::task::{Described, Kind};
 use report::comparison::Comparison;
 use report::format::{interval, percent};
@@ -151,6 +152,8 @@ fn table(report: &Report) -> String {
 
 /// The scores of the paper's tables over many reports.
 pub fn read_table(path: &Path) -> Result<Kept> {
+    let (shown, typed) = (path.display(), quoted(path));
+    ensure!(path.exists(), "{shown} does not exist: `orchestrator report RUN --table {typed}` writes it");
     let text = bounded::read_text(path).with_context(|| path.display().to_string())?;
     let other =
         || format!("{} keeps no table: name a file that `orchestrator report RUN --table FILE` wrote", path.display());

@@ -164,7 +164,9 @@ impl Suite {
                     entry.name
                 );
             }
-            ensure!(!file.evaluations[..index].contains(asked), "[[evaluations]] number {} repeats another", index + 1);
+            if let Some(same) = file.evaluations[..index].iter().position(|before| before == asked) {
+                bail!("[[evaluations]] number {} repeats number {}", index + 1, same + 1);
+            }
             let without = entries.iter().find(|entry| entry.config.validation.every_frames == 0);
             if let (AskedCheckpoint::Best, Some(entry)) = (asked.checkpoint, without) {
                 bail!(
@@ -218,6 +220,9 @@ impl Planned {
         ensure!(!seeds.is_empty(), "no seeds: give the run `seeds`, or the suite");
         // Before a run is made for each.
         ensure!(seeds.len() <= RUNS_MAX, "{} seeds; a suite has at most {RUNS_MAX} runs", seeds.len());
+        if let Some(twice) = (1..seeds.len()).find(|&index| seeds[..index].contains(&seeds[index])) {
+            bail!("seeds = {seeds:?}: {} is given twice", seeds[twice]);
+        }
         check_keys(&self.config)?;
         let mut keys = file.config.clone();
         overlay(&mut keys, self.config.clone());
@@ -567,6 +572,10 @@ mod tests {
         assert!(unknown.contains("number 2") && unknown.contains("did you mean `demo`?"), "{unknown}");
         let twice = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demo\"\n");
         assert!(twice.contains("two runs are called demo-1"), "{twice}");
+        let seeds = problem("seeds = [3, 1, 3]\n[[runs]]\npreset = \"demo\"\n");
+        assert!(seeds.ends_with("seeds = [3, 1, 3]: 3 is given twice"), "{seeds}");
+        let again = problem(&format!("seeds = [1]\n{objects}{objects}[[runs]]\npreset = \"demo\"\n"));
+        assert!(again.contains("[[evaluations]] number 2 repeats number 1"), "{again}");
         let same = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demo\"\nname = \"x\"\n");
         assert!(same.contains("demo-1 and x-1 are the same run"), "{same}");
         let key = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.ppo.lerning_rate = 1.0\n");

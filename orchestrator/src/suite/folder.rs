@@ -87,6 +87,10 @@ impl SuiteFolder {
         Self { root: unlike_a_flag(root) }
     }
 
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
     /// The suite's file as it was at the last call: where it is, the folder is a suite's.
     pub fn file(&self) -> PathBuf {
         self.root.join(FILE)

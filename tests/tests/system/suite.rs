@@ -63,7 +63,7 @@ fn a_run_that_could_not_begin_is_refused_with_the_file() {
     let workshop = Workshop::new();
     for (run, problem) in [
         ("preset = \"gym\"", "gym-1: preset gym needs an environment of your own, which a suite cannot name"),
-        ("preset = \"demo\"\nconfig.scenes = [\"gone.toml\"]", "demo-1: gone.toml"),
+        ("preset = \"demo\"\nconfig.scenes = [\"gone.toml\"]", "demo-1: scene gone.toml cannot be used"),
     ] {
         std::fs::write(workshop.path("suite.toml"), format!("seeds = [1]\n[[runs]]\n{run}\n")).expect("a file");
         let printed = workshop.call(&["suite", "suite.toml", "--check"]);
