@@ -49,7 +49,8 @@ fn a_finished_suite_is_shown(workshop: &Workshop) {
     assert!(listed.stdout.contains("\n  suite-test-novel-6  ") && listed.stdout.contains("all/runs\n"), "{listed:#?}");
     let compared = workshop.call(&["compare", "all", "--json"]).json();
     assert_eq!(compared["runs"], serde_json::json!(["all/runs/tiny-5", "all/runs/tiny-6", "all/runs/after-5"]));
-    for command in ["replay", "eval", "resume", "stop", "logs", "play"] {
+    assert_eq!(workshop.call(&["stop", "all"]).good().stderr, "all does not run\n");
+    for command in ["replay", "eval", "resume", "logs", "play"] {
         let printed = workshop.call(&[command, "all"]);
         printed.refused("all is the folder of a suite: give one of its runs (such as all/runs/after-5; ");
         assert_eq!(printed.status, Some(2), "{command}");
