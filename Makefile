@@ -119,7 +119,7 @@ test test-all: build
 	cargo test --doc --release --locked --workspace
 
 PART := 1/10
-# The wheel is made here, not within the time that a test of it has.
+# The environment for the wheel is made here, not within the time that a test of it has.
 test-part: library
 	@BUILT=yes PYTHON='$(PYTHON)' python/setup >/dev/null
 	@if cargo nextest --version >/dev/null 2>&1; then \

@@ -124,8 +124,8 @@ impl Launch {
                 let threads = self.threads.to_string();
                 command.envs(self.programs.learner_environment.iter().map(|(name, value)| (name, value)));
                 command.env("OMP_NUM_THREADS", &threads).env("MKL_NUM_THREADS", &threads);
-                // Beside busy actors a spinning OpenMP thread burns the core that its sibling waits for. So much of it costs
-                // no more than to sleep and be woken.
+                // Beside busy actors a spinning OpenMP thread burns the core that its sibling waits for. A thousand
+                // turns cost no more than to sleep and be woken.
                 command.env("GOMP_SPINCOUNT", "1000").env("OMP_WAIT_POLICY", "PASSIVE");
                 // Besides its warnings, which the learner logs itself, libtorch logs only its internals.
                 if std::env::var_os("TORCH_CPP_LOG_LEVEL").is_none() {

@@ -237,8 +237,8 @@ fn a_wheel_proves_itself_in_a_fresh_environment() {
     let mut setup = command(root().join("python/setup"), &workshop.path("."));
     // Of what `make library` has compiled: maturin's own build can take longer than a command may here.
     setup.env("BUILT", "yes");
-    let made = complete(setup);
-    assert!(made.success, "{}{}", made.stdout, made.stderr);
+    let printed = complete(setup);
+    assert!(printed.success, "{}{}", printed.stdout, printed.stderr);
     let name = |path: &PathBuf| path.file_name().expect("a name").to_string_lossy().into_owned();
     let wheels = std::fs::read_dir(root().join("target/wheels")).expect("a folder").flatten().map(|entry| entry.path());
     let made = wheels.into_iter().find(|path| name(path).starts_with("stillroom-")).expect("a wheel");
