@@ -23,3 +23,4 @@ pub mod process;
 pub mod record;
 pub mod rollout;
 pub mod shards;
+mod sizes;

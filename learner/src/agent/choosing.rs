@@ -1,4 +1,4 @@
-//! One step of the policy for columns that are inferred together: by kernels of a GPU where there are any.
+//! One step of the policy for columns that are inferred together: on a GPU as one graph.
 
 use super::acting::{Policy, Rows};
 use super::overlap::policy;
@@ -99,7 +99,7 @@ impl Agent {
         Ok(steps)
     }
 
-    /// What the policy makes of a batch, by kernels of a GPU. `None` where there are none. Frames and beliefs of the first
+    /// What the policy makes of a batch, by [`Acting`]. `None` where there is none. Observations and beliefs of the first
     /// `rows.len()` rows are stored; what was chosen is not.
     fn choose_on_gpu(
         &mut self,
@@ -108,10 +108,7 @@ impl Agent {
         steps: &[Step],
     ) -> Result<Option<Vec<Sampled>>, AgentError> {
         let network = policy(self.overlap.as_ref(), self.trainer.as_deref());
-        let (Some(acting), Some(kernels), Some(rollout)) = (&mut self.acting, network.kernels(), self.rollout.as_ref())
-        else {
-            return Ok(None);
-        };
+        let (Some(acting), Some(rollout)) = (&mut self.acting, self.rollout.as_ref()) else { return Ok(None) };
         let (unused_belief, unused_place) = (self.table.size()[0] - 1, rollout.unused_place());
         let columns: Vec<i64> = input.columns.iter().map(|&column| column as i64).collect();
         let (mut places, mut beliefs_to) = (vec![unused_place; columns.len()], vec![unused_belief; columns.len()]);
@@ -126,16 +123,15 @@ impl Agent {
         }
         let batch = Rows {
             frames: input.frames,
+            images: input.images,
+            noise: input.gumbel,
             places: &places,
             columns: &columns,
             beliefs_to: &beliefs_to,
             steps,
-            noise: input.gumbel,
         };
         let head = &self.config.action_head();
-        let masked = steps.first().is_some_and(|step| !step.mask.is_empty());
-        let store = &rollout.kept().frames;
-        let policy = Policy { network, kernels, head, masked, beliefs: &self.table, store };
+        let policy = Policy { network, head, beliefs: &self.table, store: rollout.kept() };
         Ok(Some(acting.step(policy, batch)?))
     }
 
@@ -183,13 +179,9 @@ impl Agent {
         };
         let before = self.beliefs.index_select(0, &column_indices(columns, self.device))
             * to_device(Tensor::from_slice(&carried).unsqueeze(1));
-        let embedded = network.embed(&observations);
-        let beliefs = network.belief.step(&network.parameters, &embedded, &before);
-        let (privileged, masks) = (network.privileged(&observations), masks_of(steps.iter(), self.device));
-        let output = network.actor_critic(&network.belief.of(&beliefs), privileged.as_ref(), masks.as_ref());
-
-        // One copy back: each row is the policy and then the value.
-        let judged = to_vec(&Tensor::cat(&[output.policy.rows(), output.values.unsqueeze(1)], 1));
+        let (beliefs, judged) = network.judge(&observations, &before, masks_of(steps.iter(), self.device).as_ref());
+        // One copy back.
+        let judged = to_vec(&judged);
         let mut policy = Vec::with_capacity(judged.len());
         let mut values = Vec::with_capacity(rows);
         for (row, &column) in judged.chunks_exact(judged.len() / rows).zip(columns) {
@@ -299,7 +291,7 @@ mod tests {
                         }
                     }
                 }
-                assert_eq!(ready.acting.as_ref().is_some_and(Acting::is_recorded), by_kernels);
+                assert_eq!(ready.acting.as_mut().is_some_and(Acting::is_recorded), by_kernels);
                 let [first, second] = outputs;
                 assert_eq!(first.len(), (STEPS + 1) * config.environments());
                 assert!(first == second, "{actors} x {environments}, kernels: {by_kernels}");

@@ -45,6 +45,7 @@ use proto::stage::RolloutShape;
 use proto::task::PolicyAction;
 use sampling::{option, sample};
 use state::{FIRST_MOMENT, SECOND_MOMENT};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use step::{Inference, column_indices};
@@ -75,7 +76,7 @@ pub struct Agent {
     /// Room for a rollout's frames and images while no rollout holds it.
     kept: Option<Kept>,
     staging: Staging,
-    /// The step by kernels of a GPU, where there are any.
+    /// The step on a GPU.
     acting: Option<Acting>,
 }
 
@@ -92,18 +93,18 @@ impl Agent {
         let adam = Adam::new(&network.parameters.flat());
         let table = network.belief.blank(columns.len() as i64 + 1, device);
         let beliefs = table.narrow(0, 0, columns.len() as i64);
-        let kernels = network.kernels().filter(|_| network.acts_in_parts());
-        let acting = kernels.and_then(|_| match Acting::new(device) {
-            Ok(acting) => Some(acting),
-            Err(error) => {
-                tracing::warn!("acting goes through libtorch operation by operation, which takes longer: {error}");
-                None
-            }
+        let acting = device.is_cuda().then(|| Acting::new(&network, columns.len(), device));
+        let acting = acting.transpose().unwrap_or_else(|error| {
+            tracing::warn!("acting goes through libtorch operation by operation, which takes longer: {error}");
+            None
         });
         let (shards, first_column) = (Shards::of(config, &columns), columns.start);
         let running = Running::before(config);
-        let trainer = Trainer { network, auxiliary, adam, running, peers, shards: shards.clone(), first_column };
-        let batch_rows = batch_rows(config, &shards).filter(|_| acting.is_some());
+        let alike = network.belief.state() == 0 && auxiliary.is_none() && !network.is_fused();
+        let graphs = (device.is_cuda() && alike).then(RefCell::default);
+        let trainer =
+            Trainer { network, auxiliary, adam, running, peers, shards: shards.clone(), first_column, graphs };
+        let batch_rows = batch_rows(config, &shards).filter(|_| acting.as_ref().is_some_and(Acting::is_by_kernels));
         let agent = Self {
             config: config.clone(),
             device,

@@ -7,11 +7,12 @@ use crate::network::Network;
 use crate::optimizer::Adam;
 use crate::peers::Peers;
 use crate::ppo::running::Running;
-use crate::ppo::{Update, UpdateError};
+use crate::ppo::{PassGraphs, Update, UpdateError};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
 use proto::config::Config;
 use proto::learning_rate::falling;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use tch::Device;
 
@@ -27,6 +28,8 @@ pub(super) struct Trainer {
     pub shards: Shards,
     /// Number, in the whole run, of this learner's first column.
     pub first_column: usize,
+    /// Passes on a GPU, where they can be recorded.
+    pub graphs: Option<RefCell<PassGraphs>>,
 }
 
 #[derive(Debug)]
@@ -69,7 +72,7 @@ impl Job {
 
     pub fn run(self) -> Done {
         let Self { mut trainer, collected, number, learning_rate, config } = self;
-        let Trainer { network, auxiliary, adam, running, peers, shards, first_column } = &mut *trainer;
+        let Trainer { network, auxiliary, adam, running, peers, shards, first_column, graphs } = &mut *trainer;
         let before = running.clone();
         let met = running.take_in_returns(&collected, *first_column, peers);
         let update = Update {
@@ -85,6 +88,7 @@ impl Job {
             learning_rate,
             seed: config.seed,
             rollout_number: number,
+            graphs: graphs.as_ref(),
         };
         let result = met.map_err(UpdateError::from).and_then(|()| update.run(adam)).and_then(|figures| {
             running.take_in_observations(&collected, *first_column, network, peers)?;
@@ -96,5 +100,76 @@ impl Job {
             UpdateError::Peers(error) => error.into(),
         });
         Done { trainer, collected, result }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::agent::Agent;
+    use crate::bench::Frames;
+    use crate::rollout::Outcome;
+    use proto::config::{Config, Shuffle};
+    use proto::stage::RolloutShape;
+    use proto::task::Spec;
+    use tch::Device;
+
+    const STEPS: usize = 6;
+
+    /// A rollout of as many frames as are left, and its update.
+    fn train(agent: &mut Agent, frames: &Frames, (number, left): (u64, u64), options: usize) {
+        let columns = agent.columns().len();
+        let shape = RolloutShape::next(left, STEPS, columns);
+        agent.begin_rollout(shape);
+        for (t, half) in (0..=shape.steps).flat_map(|t| [(t, 0), (t, 1)]) {
+            let mut batch = frames.batch(half, t, frames.noise(half, t));
+            batch.masks = (0..options * batch.columns.len()).map(|at| at % options != t % 2).collect();
+            agent.step(t, &batch.input()).unwrap();
+        }
+        for (t, column) in (0..shape.steps).flat_map(|t| (0..columns).map(move |column| (t, column))) {
+            if t + 1 < shape.steps || column < shape.environments_in_last_step {
+                let (reward, ended) = ((t * 31 + column * 17 + number as usize) as f32 % 1.3, Frames::ends(column, t));
+                agent.record(t, column, Outcome { reward, ended, ..Outcome::default() });
+            }
+        }
+        let progress = number as f64 / 10.0;
+        assert!(agent.update(progress, number).unwrap().values().all(|figure| figure.is_finite()));
+    }
+
+    /// To the last bit, whatever falls from update to update, and in a rollout that is cut.
+    #[test]
+    #[ignore = "needs a CUDA device"]
+    fn weights_after_recorded_passes_are_those_after_passes_launch_by_launch() {
+        let _alone = crate::device::cuda_alone();
+        let images = include_str!("../../tests/support/images.toml");
+        let discrete = "kind = \"discrete\"\nnames = [\"left\", \"stay\", \"right\"]";
+        let masked = "kind = \"multi_discrete\"\ncounts = [2, 3]\n\n[[channels]]\nname = \"action_mask\"\n\
+            role = \"mask\"\ndtype = \"u8\"\nshape = [5]\ndoc = \"\"";
+        let numbers = "kind = \"box\"\nbounds = [[-1, 1], [0, 2]]";
+        for (name, actions) in [("discrete", discrete), ("masked", masked), ("numbers", numbers)] {
+            let named = images.replacen("\"images\"", &format!("\"trained_{name}\""), 1);
+            Spec::declare(&named.replacen(discrete, actions, 1)).unwrap();
+            let settings = format!("task = \"trained_{name}\"\nnetwork.memory = \"none\"\nppo.clip_end = 0.1\n");
+            let mut config = Config::resolve_with("gym", Some((&settings, "a test"))).unwrap();
+            (config.actors.count, config.actors.environments_per_actor) = (3, 4);
+            (config.ppo.minibatches, config.ppo.rollout_steps) = (2, STEPS as u32);
+            let options = config.spec().mask().map_or(0, |_| config.action_head().outputs());
+            let frames = Frames::new(&config).unwrap();
+            for shuffle in [Shuffle::Rows, Shuffle::Environments] {
+                config.ppo.shuffle = shuffle;
+                let mut agents = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
+                agents[1].trainer_mut().graphs = None;
+                let before = agents[0].weights_digest();
+                for agent in &mut agents {
+                    for update in (0..4).map(|number| (number, if number == 2 { 50 } else { 72 })) {
+                        train(agent, &frames, update, options);
+                    }
+                }
+                let [recorded, plain] = &agents;
+                let graphs = recorded.trainer().graphs.as_ref().unwrap().borrow();
+                assert!(graphs.has_launched(), "{name} by {shuffle:?}");
+                assert_ne!(recorded.weights_digest(), before);
+                assert_eq!(recorded.weights_digest(), plain.weights_digest(), "{name} by {shuffle:?}");
+            }
+        }
     }
 }

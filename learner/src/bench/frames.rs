@@ -43,6 +43,7 @@ pub struct Frames {
     draws: Noise,
     action: u8,
     numbers: usize,
+    image_bytes: usize,
     _ports: (ObservationSubscriber, Vec<ObservationPublisher>),
     _host: WireHost,
     _swept: Swept,
@@ -98,10 +99,23 @@ impl Frames {
         }
         let map = ColumnMap::of(0, config);
         let (draws, action) = (Noise::of(&config.action_head()), config.policy_actions().pop().unwrap_or_default());
-        let numbers = Inputs::of(config.spec()).width();
+        let inputs = Inputs::of(config.spec());
+        let (numbers, image_bytes) = (inputs.width(), inputs.image_bytes());
         let ports = (subscriber, publishers);
         let (seed, frame) = (config.seed, Frame::of(config));
-        Ok(Self { halves, map, frame, seed, draws, action, numbers, _ports: ports, _host: host, _swept: swept })
+        Ok(Self {
+            halves,
+            map,
+            frame,
+            seed,
+            draws,
+            action,
+            numbers,
+            image_bytes,
+            _ports: ports,
+            _host: host,
+            _swept: swept,
+        })
     }
 
     /// Noise for one half's actions in a step: the collector draws it when an observation arrives.
@@ -124,7 +138,7 @@ impl Frames {
             })
         });
         let frames = frames.collect();
-        let mut images = vec![];
+        let mut images = Vec::with_capacity(columns.len() * self.image_bytes);
         let records = self.halves[half as usize].iter().flat_map(|sample| sample.payload().chunks_exact(record));
         records.map(Line::bytes).for_each(|record| self.frame.images(&[], record, &mut images));
         let number = |column: usize, index: usize| if index % 3 < 2 { 0.1 } else { (column % 7) as f32 * 0.3 };
@@ -157,7 +171,11 @@ fn episode_step(column: usize, step: usize) -> usize {
 /// Walls and edges at 0.3 to 4.3 m, other ones for each column; there are sums only where the network takes them, and
 /// nothing in a task without a frame.
 fn write(record: &mut [u8], column: usize, config: &Config) {
+    let has_frame = config.spec().inputs().is_ok_and(|inputs| inputs.frame.is_some());
     let [whole, windows] = config.spec().layout().images[..] else { return };
+    if !has_frame {
+        return;
+    }
     let pixels = (0..FRAME_PIXELS).map(|pixel| {
         let (row, at) = (pixel / FRAME_SIDE / 8, pixel % FRAME_SIDE / 8);
         300 + ((row * 389 + at * 131 + column * 1009) % 4000) as u16

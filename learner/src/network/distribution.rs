@@ -65,6 +65,16 @@ fn parts(columns: Tensor, choices: &[i64]) -> Vec<Tensor> {
     if choices.len() == 1 { vec![columns] } else { columns.split_with_sizes(choices, 1) }
 }
 
+/// The numbers \[rows\] of a table \[rows, options\] at the options \[rows, 1\].
+fn chosen(table: &Tensor, options: &Tensor) -> Tensor {
+    if !table.device().is_cuda() {
+        return table.gather(1, options, false).squeeze_dim(1);
+    }
+    // The same numbers. The backward pass of `gather` waits for the GPU where it is to be deterministic.
+    let all = Tensor::arange(table.size()[1], (Kind::Int64, table.device()));
+    table.where_self(&options.eq_tensor(&all), &table.zeros_like()).sum_dim_intlist(1, false, Kind::Float)
+}
+
 /// Tables side by side; one alone without a copy.
 fn beside(mut tables: Vec<Tensor>) -> Tensor {
     if tables.len() == 1 { tables.remove(0) } else { Tensor::cat(&tables, 1) }
@@ -75,9 +85,7 @@ impl Distribution {
     pub fn log_prob(&self, actions: &Tensor) -> Tensor {
         match self {
             Self::Categorical { log_probs, choices } => {
-                let of_choice = |(at, log_probs): (usize, Tensor)| {
-                    log_probs.gather(1, &actions.narrow(1, at as i64, 1), false).squeeze_dim(1)
-                };
+                let of_choice = |(at, log_probs): (usize, Tensor)| chosen(&log_probs, &actions.narrow(1, at as i64, 1));
                 let parts = parts(log_probs.shallow_clone(), choices).into_iter().enumerate();
                 parts.map(of_choice).reduce(|sum, log_prob| sum + log_prob).expect("a policy chooses")
             }

@@ -91,6 +91,20 @@ pub struct Observations {
     pub previous_actions: Tensor,
 }
 
+impl Observations {
+    pub(crate) fn copy(&self) -> Self {
+        let Self { kept, numbers, previous_actions } = self;
+        Self { kept: kept.map(Tensor::copy), numbers: numbers.copy(), previous_actions: previous_actions.copy() }
+    }
+
+    /// Takes the numbers of others, which are as many.
+    pub(crate) fn take(&self, others: &Self) {
+        let rest = [(&self.numbers, &others.numbers), (&self.previous_actions, &others.previous_actions)];
+        let parts = self.kept.parts(&others.kept).into_iter().chain(rest);
+        parts.for_each(|(own, other)| own.shallow_clone().copy_(other));
+    }
+}
+
 #[derive(Debug)]
 pub struct ActorCriticOutput {
     pub policy: Distribution,
@@ -407,6 +421,22 @@ impl Network {
         let gate_biases = self.belief.recurrent().biases(&self.parameters);
         let log_std = self.policy.log_std(&self.parameters);
         Heads { gate_biases, actor: of(&self.actor), critic: of(&self.critic), log_std }
+    }
+
+    /// One step: observations and the belief's states before them \[rows, state\] → states after them, and of each row
+    /// what an action is drawn from ([`Distribution::rows`]), and behind it the value. `masks` as
+    /// [`Network::actor_critic`] has them.
+    pub(crate) fn judge(
+        &self,
+        observations: &Observations,
+        before: &Tensor,
+        masks: Option<&Tensor>,
+    ) -> (Tensor, Tensor) {
+        let states = self.belief.step(&self.parameters, &self.embed(observations), before);
+        let privileged = self.privileged(observations);
+        let ActorCriticOutput { policy, values } =
+            self.actor_critic(&self.belief.of(&states), privileged.as_ref(), masks);
+        (states, Tensor::cat(&[policy.rows(), values.unsqueeze(1)], 1))
     }
 
     /// Beliefs \[rows, hidden\], or embeddings without memory → policy and value. `privileged`: see

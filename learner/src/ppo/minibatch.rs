@@ -182,6 +182,24 @@ impl Chunk {
         Ok(())
     }
 
+    /// A copy with observations of its own.
+    pub(super) fn copy(&self, rollout: &Rollout) -> Self {
+        let Self { shard, packing, experience, observations } = self;
+        let gathered = observations.is_none().then(|| rollout.observations(packing));
+        let observations = observations.as_ref().or(gathered.as_ref()).map(Observations::copy);
+        Self { shard: *shard, packing: packing.clone(), experience: experience.copy(), observations }
+    }
+
+    /// Takes another chunk's numbers in place of its own, which are as many. Panics unless it is a copy.
+    pub(super) fn take(&mut self, other: &Self, rollout: &Rollout) {
+        let own = self.observations.as_ref().expect("a copy has observations");
+        match &other.observations {
+            Some(observations) => own.take(observations),
+            None => own.take(&rollout.observations(&other.packing)),
+        }
+        self.experience.take(&other.experience);
+    }
+
     /// Embeds its observations, to train with them in the update of this number: \[rows, width\].
     pub(crate) fn embed<'a>(&self, network: &'a Network, rollout: &Rollout, update: u64) -> Embedded<'a> {
         match &self.observations {

@@ -34,6 +34,7 @@ pub mod metrics;
 pub(crate) mod minibatch;
 pub mod moments;
 pub(crate) mod preemption;
+mod recorded;
 pub mod running;
 mod tree;
 
@@ -43,12 +44,14 @@ use crate::optimizer::{Adam, clip, norm};
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
-use loss::{Terms, terms};
-use metrics::{StepMetrics, StepSums, UpdateSums, means};
+use loss::{Coefficients, Terms, terms};
+use metrics::{SCALARS, StepMetrics, StepSums, UpdateSums, means};
 use minibatch::{Chunk, Deal};
 use moments::RewardScale;
 use proto::config::{AuxiliaryConfig, PpoConfig, Shuffle};
 use proto::metric;
+pub(crate) use recorded::PassGraphs;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use tch::Tensor;
 use tree::Tree;
@@ -78,6 +81,8 @@ pub(crate) struct Update<'a> {
     pub learning_rate: f64,
     pub seed: u64,
     pub rollout_number: u64,
+    /// Passes that were recorded in other updates; none where nothing is to be.
+    pub graphs: Option<&'a RefCell<PassGraphs>>,
 }
 
 /// Rows of a minibatch: frames of this learner.
@@ -99,6 +104,16 @@ pub(crate) struct Totals {
     pub frames: u64,
     /// Queries to the auxiliary task of its rows in this epoch.
     pub queries: u64,
+}
+
+/// A chunk's part of the loss of its minibatch.
+struct Loss<'a> {
+    total: Tensor,
+    embedded: Embedded<'a>,
+    /// In the order of [`SCALARS`].
+    scalars: [Tensor; SCALARS.len()],
+    /// What the auxiliary task counted.
+    counted: Vec<Tensor>,
 }
 
 impl<'a> Update<'a> {
@@ -229,15 +244,25 @@ impl<'a> Update<'a> {
         totals: Totals,
     ) -> Result<(Tensor, StepSums), PeerError> {
         let weights = self.network.parameters.flat();
+        let coefficients = Coefficients::of(self.ppo, totals.frames, weights.device());
         let mut step = StepSums::new(self.auxiliary, self.shards, weights.device());
         let mut tree = Tree::default();
         let mut chunks = chunks.iter().zip(queries).peekable();
         for shard in 0..self.shards.columns().len() {
             let mut gradient = weights.zeros_like();
             while let Some((chunk, queries)) = chunks.next_if(|(chunk, _)| chunk.shard == shard) {
+                let mut graphs = self.graphs.map(RefCell::borrow_mut);
+                let recorded = graphs.as_mut().and_then(|graphs| graphs.pass(self, chunk, &coefficients));
+                if let Some((part, scalars)) = recorded {
+                    let _ = gradient.g_add_(part);
+                    step.add_pass(shard, scalars, &[]);
+                    continue;
+                }
                 // Forward and loss, then backward.
-                let (loss, embedded) = self.loss(chunk, queries, totals, &mut step);
-                let _ = gradient.g_add_(&self.network.gradient_of(&loss, embedded));
+                let Loss { total, embedded, scalars, counted } =
+                    self.loss(chunk, queries, totals.queries, &coefficients);
+                let _ = gradient.g_add_(&self.network.gradient_of(&total, embedded));
+                step.add_pass(shard, &scalars, &counted);
             }
             tree.add(gradient);
         }
@@ -254,9 +279,10 @@ impl<'a> Update<'a> {
     }
 
     /// Forward pass and loss of a chunk: its part of the minibatch's mean. The backward pass needs the embedding, too.
-    fn loss(&self, chunk: &Chunk, queries: &[Query], totals: Totals, step: &mut StepSums) -> (Tensor, Embedded<'a>) {
+    /// `all_queries`: of the minibatch, over all learners.
+    fn loss(&self, chunk: &Chunk, queries: &[Query], all_queries: u64, coefficients: &Coefficients) -> Loss<'a> {
         let Self { network, rollout, ppo, .. } = *self;
-        let Chunk { shard, packing, experience, .. } = chunk;
+        let Chunk { packing, experience, .. } = chunk;
 
         // Forward: embeddings [B, 512 for the frame and each image + 32 + 16] → beliefs [B, H] → the policy and values [B].
         let embedded = chunk.embed(network, rollout, self.rollout_number);
@@ -265,8 +291,8 @@ impl<'a> Update<'a> {
 
         // Loss: clipped surrogate + c_v · clipped value loss − c_H · entropy, scalars.
         let Terms { policy, value, entropy, clip_fraction, approximate_kl } =
-            terms(&output, experience, ppo, totals.frames);
-        let mut loss = &policy + &value * ppo.value_coefficient - &entropy * ppo.entropy_coefficient;
+            terms(&output, experience, coefficients, ppo.clip_value);
+        let mut total = &policy + &value * coefficients.value() - &entropy * coefficients.entropy();
 
         // + w · the auxiliary task's loss, from what each observation gives by itself and from the beliefs.
         let embeddings = network.observations_of(&embedded.rows);
@@ -274,12 +300,12 @@ impl<'a> Update<'a> {
         let options = experience.actions.select(1, 0);
         let pass = Pass { rollout, packing, embeddings: &embeddings, beliefs: &beliefs, actions: &options };
         let (mut auxiliary, mut counted) = (policy.zeros_like(), Vec::new());
-        if let Some(task) = self.auxiliary.loss(&network.parameters, &pass, queries, totals.queries) {
-            loss += &task.loss * self.auxiliary_config.weight;
+        if let Some(task) = self.auxiliary.loss(&network.parameters, &pass, queries, all_queries) {
+            total += &task.loss * self.auxiliary_config.weight;
             (auxiliary, counted) = (task.loss, task.sums);
         }
-        step.add_pass(*shard, &[policy, value, entropy, auxiliary, clip_fraction, approximate_kl], &counted);
-        (loss, embedded)
+        let scalars = [policy, value, entropy, auxiliary, clip_fraction, approximate_kl];
+        Loss { total, embedded, scalars, counted }
     }
 
     fn check_finite(&self, step: &StepMetrics, gradient: &Tensor) -> Result<(), UpdateError> {

@@ -47,6 +47,7 @@ pub(super) fn probe(
         learning_rate: config.ppo.learning_rate,
         seed: config.seed,
         rollout_number: 0,
+        graphs: None,
     };
     // The batch is one minibatch.
     let ppo = PpoConfig { normalize_by_minibatch: false, ..config.ppo };

@@ -5,7 +5,6 @@
 mod fused;
 mod plain;
 mod recorded;
-mod sizes;
 
 use super::visual::{Backward, EncoderEntry, PATH, VisualEncoder};
 use crate::ffi::cuda::CudaError;

@@ -8,10 +8,10 @@
 use super::super::visual::Gradients;
 use super::fused::Fused;
 use super::plain::Resnet;
-use super::sizes::{Due, Sizes};
 use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
 use crate::ffi::stream::Priority;
 use crate::network::parameters::Parameters;
+use crate::sizes::{Due, Sizes};
 use std::collections::BTreeMap;
 use tch::Tensor;
 

@@ -1,4 +1,4 @@
-//! Which passes of training are recorded: those over as many frames as come update after update.
+//! Which passes of training are recorded as CUDA graphs: those over as many frames as come update after update.
 //!
 //! An update has several epochs with passes of the same few sizes, so how often a size comes says little; in how many
 //! updates it comes says whether it will come again. That of a stage's last, cut rollout does not, and with
@@ -14,7 +14,7 @@ const _: () = assert!(MOST_RECORDED > 1);
 const REMEMBERED: u64 = 8;
 
 #[derive(Debug, Default)]
-pub(super) struct Sizes {
+pub(crate) struct Sizes {
     /// What the caller calls the present update; none before the first.
     name: Option<u64>,
     /// Updates that have begun.
@@ -34,14 +34,14 @@ struct Size {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Due {
+pub(crate) struct Due {
     /// The size whose recording is dropped before.
     pub in_place_of: Option<i64>,
 }
 
 impl Sizes {
     /// Counts a pass over as many frames. `update` tells updates apart. What is due counts as recorded.
-    pub(super) fn count(&mut self, frames: i64, update: u64) -> Option<Due> {
+    pub(crate) fn count(&mut self, frames: i64, update: u64) -> Option<Due> {
         if self.name.replace(update) != Some(update) {
             self.updates += 1;
             let oldest = self.updates.saturating_sub(REMEMBERED);

@@ -1,0 +1,106 @@
+//! Passes over chunks as CUDA graphs: forward, loss and backward. Launched operation by operation, a pass of a small
+//! network takes the host ten times as long as it takes the GPU.
+//!
+//! A pass is recorded where nothing but the number of its rows says what is launched: of a network without memory, an
+//! auxiliary task, and an encoder in kernels of our own, which records its passes itself. The same operations are
+//! launched in the same order, so no bit depends on whether, or when, a pass was recorded.
+
+use super::loss::Coefficients;
+use super::metrics::SCALARS;
+use super::minibatch::Chunk;
+use super::{Loss, Update};
+use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
+use crate::ffi::stream::Priority;
+use crate::sizes::{Due, Sizes};
+use std::collections::BTreeMap;
+use tch::Tensor;
+
+/// Runs before a recording: libraries choose algorithms and allocate at first use, which a recording does not allow.
+const WARM_UPS: usize = 1;
+
+/// The recorded passes, by number of rows.
+#[derive(Debug, Default)]
+pub(crate) struct PassGraphs {
+    recorder: Option<Recorder>,
+    recorded: BTreeMap<i64, Recorded>,
+    sizes: Sizes,
+    /// Something could not be recorded.
+    refused: bool,
+}
+
+/// A pass with what it reads and writes, besides the weights.
+#[derive(Debug)]
+struct Recorded {
+    graph: Graph,
+    chunk: Chunk,
+    coefficients: Coefficients,
+    gradient: Tensor,
+    scalars: [Tensor; SCALARS.len()],
+}
+
+impl PassGraphs {
+    /// Gradient of a chunk's part of the loss, and its scalars; none where the pass is not recorded. They hold until the
+    /// next one.
+    pub(super) fn pass(
+        &mut self,
+        update: &Update,
+        chunk: &Chunk,
+        coefficients: &Coefficients,
+    ) -> Option<(&Tensor, &[Tensor; SCALARS.len()])> {
+        let rows = chunk.packing.rows.len() as i64;
+        if !self.refused
+            && let Some(due) = self.sizes.count(rows, update.rollout_number)
+        {
+            match self.record(update, chunk, coefficients, due) {
+                Ok(recorded) => {
+                    self.recorded.insert(rows, recorded);
+                }
+                Err(error) => {
+                    tracing::warn!("training launches its kernels one by one, which takes longer: {error}");
+                    self.refused = true;
+                }
+            }
+        }
+        let Recorded { graph, chunk: place, coefficients: numbers, gradient, scalars } =
+            self.recorded.get_mut(&rows)?;
+        tch::no_grad(|| {
+            place.take(chunk, update.rollout);
+            numbers.tensor().shallow_clone().copy_(coefficients.tensor());
+        });
+        // As in tch: a device that fails in the middle of a pass ends the process.
+        graph.replay().unwrap_or_else(|error| panic!("{error}"));
+        Some((gradient, scalars))
+    }
+
+    /// Whether a pass was one of those that were recorded.
+    #[cfg(test)]
+    pub(crate) fn has_launched(&self) -> bool {
+        !self.recorded.is_empty() && !self.refused
+    }
+
+    fn record(
+        &mut self,
+        update: &Update,
+        chunk: &Chunk,
+        coefficients: &Coefficients,
+        due: Due,
+    ) -> Result<Recorded, GraphError> {
+        // A graph's kernels have the priority of the stream that they were recorded on: acting goes first.
+        let recorder = match &mut self.recorder {
+            Some(recorder) => recorder,
+            none => none.insert(Recorder::open(Priority::Low, Memory::Shared)?),
+        };
+        if let Some(dropped) = due.in_place_of {
+            // Its last launch may still run. What it has of the shared memory is free for the new recording.
+            recorder.wait()?;
+            self.recorded.remove(&dropped);
+        }
+        let (chunk, coefficients) = (chunk.copy(update.rollout), coefficients.copy());
+        let (graph, (gradient, scalars)) = recorder.record(WARM_UPS, || {
+            let Loss { total, embedded, scalars, counted: _ } = update.loss(&chunk, &[], 0, &coefficients);
+            let gradient = update.network.gradient_of(&total, embedded);
+            Ok((gradient, scalars.map(|scalar| scalar.detach())))
+        })?;
+        Ok(Recorded { graph, chunk, coefficients, gradient, scalars })
+    }
+}
