@@ -82,7 +82,7 @@ const TYPED: &[(&str, &str)] = &[
     ("replay nowhere", "nowhere does not exist; `orchestrator list`"),
     ("resume runs/a --preset demo", "`orchestrator up --from RUN`"),
     ("eval runs/a/best", "--set validation.every_frames=N"),
-    ("eval runs/a --kitchens 1,2", "those of a split: --split train, valid or test"),
+    ("eval runs/a --kitchens 1,2", "those of a split: --split train, validation or test"),
     ("eval policy.onnx", "give the run, or a policy file"),
     ("eval policy.json", "give the run, or a file of one of these"),
     ("export runs/a --out policy.pt", "call it policy.onnx (for onnxruntime) or policy.safetensors"),
