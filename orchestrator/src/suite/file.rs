@@ -136,7 +136,7 @@ impl Suite {
     fn text_of(path: &Path) -> Result<String> {
         ensure!(
             path.exists() || path.extension().is_some(),
-            "{} is no file, and no built-in suite ({}): `orchestrator suite --help` shows a file; \
+            "{} is no file, and no built-in suite ({}): a suite is a TOML file (`orchestrator suite --help` shows one); \
              `orchestrator up --preset` trains a preset, `orchestrator presets` lists them",
             path.display(),
             BUILT_IN.map(|(name, _)| name).join(", ")

@@ -73,6 +73,7 @@ const TYPED: &[(&str, &str)] = &[
     ("up --seed -1", "a seed is a whole number from 0 to"),
     ("up --env-command true", "serves no environments"),
     ("suite demo", "a suite is a TOML file"),
+    ("suite papr --check", "papr is no file, and no built-in suite (ablations, "),
     ("up --preset ppo", "there is no preset `ppo`;"),
     ("up demo", "`--preset demo`"),
     ("train", "`orchestrator up` does that"),

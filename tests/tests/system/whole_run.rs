@@ -58,6 +58,10 @@ fn the_demonstration_ends_with_a_test_that_its_report_shows() {
         report.stdout.starts_with("demo  test, novel objects, drawn episodes  1 seed  30 episodes  SR "),
         "{report:#?}"
     );
+    let status = workshop.call(&["status", "demo", "--json"]).json();
+    assert_eq!(status["evaluations"][0]["state"], "complete", "{status:#}");
+    let status = workshop.call(&["status", "demo"]).good().stdout;
+    assert!(status.contains("\nevaluations, with the figures of their episodes:\ndemo/evaluations/"), "{status}");
     let page = std::fs::read_to_string(workshop.path("demo/report/report.html")).unwrap();
     assert!(page.contains("data:image/png;base64,"), "its best episode, in pictures");
 }
