@@ -50,22 +50,18 @@ pub fn print(cards: &[Card]) {
     }
     terminal::out_table(&rows(cards));
     note(cards);
-    let has_figures = |evaluation| cards.iter().any(|card| card.evaluation == evaluation && !card.figures.is_empty());
-    if has_figures(false) && has_figures(true) {
-        terminal::note(
-            "figures of a run are of training, newest tenth of its stage; of an evaluation, of its episodes",
-        );
-    }
 }
 
-/// A row for each card, and for each suite before the newest of its runs.
+/// A row for each card, and for each suite before the newest of its cards. One run's evaluations stand without its suite.
 fn rows(cards: &[Card]) -> Vec<Vec<String>> {
     let (mut rows, mut suites) = (Vec::new(), BTreeSet::new());
+    let has_runs = cards.iter().any(|card| !card.evaluation);
     for card in cards {
-        let suite = card.suite_standing.as_ref().filter(|suite| !card.evaluation && suites.insert(&suite.folder));
+        let suite = card.suite_standing.as_ref().filter(|suite| has_runs && suites.insert(&suite.folder));
         if let Some(SuiteStanding { folder, counts, .. }) = suite {
-            // As the run's folder is named.
-            let named = Path::new(&card.folder).ancestors().nth(2).filter(|named| !named.as_os_str().is_empty());
+            // As the card's folder is named.
+            let up = if card.evaluation { 4 } else { 2 };
+            let named = Path::new(&card.folder).ancestors().nth(up).filter(|named| !named.as_os_str().is_empty());
             let named = named.map_or_else(|| folder.clone(), |named| named.display().to_string());
             rows.push(vec![named, format::day(card.created_unix_s), "suite".to_owned(), counts.clone()]);
         }
@@ -84,6 +80,12 @@ pub fn note(cards: &[Card]) {
             let folder = if is_named { String::new() } else { format!("{}: ", card.folder) };
             terminal::note(&format!("{folder}{sentence}"));
         }
+    }
+    let has_figures = |evaluation| cards.iter().any(|card| card.evaluation == evaluation && !card.figures.is_empty());
+    if has_figures(false) && has_figures(true) {
+        terminal::note(
+            "figures of a run are of training, newest tenth of its stage; of an evaluation, of its episodes",
+        );
     }
 }
 
@@ -154,8 +156,9 @@ mod tests {
         ];
         let rows = rows(&cards);
         let begin: Vec<&str> = rows.iter().map(|row| row[0].as_str()).collect();
-        assert_eq!(begin, [&cards[0].folder, "runs/s", &cards[1].folder, &cards[2].folder]);
-        assert_eq!(rows[1][1..], ["1970-01-01", "suite", "1 of 2 runs complete, 1 evaluating"]);
+        assert_eq!(begin, ["runs/s", &cards[0].folder, &cards[1].folder, &cards[2].folder]);
+        assert_eq!(super::rows(&cards[..1]).len(), 1);
+        assert_eq!(rows[0][1..], ["1970-01-01", "suite", "1 of 2 runs complete, 1 evaluating"]);
         assert_eq!(super::rows(&[card("runs/a-1", false)])[0][0], "/w/runs/s", "the suite's folder has no other name");
     }
 }
