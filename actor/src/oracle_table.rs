@@ -61,7 +61,7 @@ fn is_undisturbed(spec: &Spec, last: &Transition) -> bool {
 /// What `actor oracle` is asked.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Settings {
-    /// Kitchens to play in: train, valid or test.
+    /// Kitchens to play in: train, validation or test.
     #[arg(long, value_parser = split, default_value = "test", value_name = "SPLIT")]
     pub split: Split,
     /// Play in one kitchen only, whatever its split.
@@ -83,9 +83,9 @@ fn variant() -> impl TypedValueParser<Value = Variant> {
 fn split(text: &str) -> Result<Split, String> {
     match text {
         "train" => Ok(Split::Train),
-        "valid" => Ok(Split::Validation),
+        "validation" => Ok(Split::Validation),
         "test" => Ok(Split::Test),
-        _ => Err(format!("`{text}` is none of train, valid, test")),
+        _ => Err(format!("`{text}` is none of train, validation, test")),
     }
 }
 

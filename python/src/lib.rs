@@ -48,10 +48,10 @@ use simulator::simulation::{JAM_DEPTH_M, JAM_GROWTH_M};
 /// Cargo links the module again where this is another one: `make dist` links for an older glibc.
 const _LINKED_FOR: Option<&str> = option_env!("STILLROOM_LINKED_FOR");
 
-/// Numbers of the built-in kitchens of a split: `train`, `valid` or `test`.
+/// Numbers of the built-in kitchens of a split: `train`, `validation` or `test`.
 #[pyfunction]
 fn kitchens(split: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
-    let splits = [("train", Split::Train), ("valid", Split::Validation), ("test", Split::Test)];
+    let splits = [("train", Split::Train), ("validation", Split::Validation), ("test", Split::Test)];
     let split = argument::chosen("split", split, &splits)?;
     Ok(KitchenId::of_split(split).into_iter().map(KitchenId::number).collect())
 }

@@ -196,8 +196,8 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
 
 def test_kitchens_are_listed_by_their_splits() -> None:
     assert stillroom.kitchens("test") == [2, 8, 14, 20, 26]
-    assert len(stillroom.kitchens("train")) == 19 and len(stillroom.kitchens("valid")) == 5
-    with pytest.raises(ValueError, match='none of "train", "valid", "test"'):
+    assert len(stillroom.kitchens("train")) == 19 and len(stillroom.kitchens("validation")) == 5
+    with pytest.raises(ValueError, match='none of "train", "validation", "test"'):
         stillroom.kitchens("val")
 
 

@@ -177,7 +177,7 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
     for arguments, words in [
         ({"autoreset_mode": "Sometimes"}, "Sometimes"),
         ({"render_mode": "human"}, "rgb_array"),
-        ({"kitchens": "kitchens"}, 'none of "train", "valid", "test"'),
+        ({"kitchens": "kitchens"}, 'none of "train", "validation", "test"'),
         ({"kitchens": []}, "at least one kitchen"),
         ({"kitchens": [1], "scenes": "a.toml"}, "either kitchens or scenes"),
         ({"scenes": "a.toml"}, r"a\.toml: cannot be read"),

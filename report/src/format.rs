@@ -7,14 +7,14 @@ pub fn count(value: u64) -> String {
     let mut out = String::with_capacity(digits.len() + digits.len() / 3);
     for (i, digit) in digits.chars().enumerate() {
         if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(' ');
+            out.push(',');
         }
         out.push(digit);
     }
     out
 }
 
-/// A count of things named in the singular: `1 run`, `1 234 runs`, `2 processes`.
+/// A count of things named in the singular: `1 run`, `1,234 runs`, `2 processes`.
 pub fn counted(value: u64, thing: &str) -> String {
     let ending = match value {
         1 => "",
@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn one_is_no_plural() {
         let runs = [0, 1, 1234].map(|value| counted(value, "run"));
-        assert_eq!(runs, ["0 runs", "1 run", "1 234 runs"]);
+        assert_eq!(runs, ["0 runs", "1 run", "1,234 runs"]);
         assert_eq!([1, 2].map(|value| counted(value, "process")), ["1 process", "2 processes"]);
     }
 }

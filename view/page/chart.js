@@ -98,7 +98,8 @@ export class Chart {
   options(width, height, scale = 1, done = () => {}) {
     const font = `${11 * scale}px ${FONT}`;
     const axis = { font, labelFont: font, stroke: () => css("--soft"), gap: 5 * scale, ticks: { show: false }, grid: { stroke: () => css("--line"), width: scale } };
-    const room = (plot, values) => (Math.max(0, ...(values ?? []).map((text) => text?.length ?? 0)) * 6.2 + 14) * scale;
+    const pen = Object.assign(h("canvas", {}).getContext("2d"), { font });
+    const room = (plot, values) => Math.max(0, ...(values ?? []).map((text) => pen.measureText(text ?? "").width)) + 14 * scale;
     const line = ({ name, colour, dash = [], opacity, width: thick, points, spanGaps }) => ({
       label: name, spanGaps, width: thick * scale, dash: dash.map((each) => each * scale), stroke: opacity ? () => see(colour, opacity) : undefined,
       points: points ?? { size: 5 * scale, width: 0, fill: () => css(colour) },

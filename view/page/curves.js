@@ -11,7 +11,7 @@ const measures = (metrics) => [
   ["time/frames_per_second", "Frames/s", { zero: true, format: (value) => count(value) }],
 ];
 const MORE = [
-  ["episode/length", "Steps", { zero: true }],
+  ["episode/length", "Length", { zero: true }],
   ["policy/entropy", "Entropy (nats)", {}],
   ["policy/approximate_kl", "Approximate KL", {}],
   ["policy/clip_fraction", "Clipped", { share: true }],

@@ -3,7 +3,7 @@
 const SVG = "http://www.w3.org/2000/svg";
 
 /** A number stays on the line of its unit, and with its own digits. */
-const tight = (child) => (typeof child === "string" ? child.replace(/(\d) (?=(?:\d{3}|m|s|min|h|d|[MG]iB)(?!\w))/g, "$1\u00a0") : child);
+const tight = (child) => (typeof child === "string" ? child.replace(/(\d) (?=(?:m|s|min|h|d|[MG]iB)(?!\w))/g, "$1\u00a0") : child);
 
 function fill(element, properties, children) {
   for (const [name, value] of Object.entries(properties ?? {})) {

@@ -5,7 +5,7 @@ import { count, headed, number, outcome, reached, kitchenName } from "./format.j
 import { paintEnd } from "./stage.js";
 
 // What every task's episodes have.
-const COLUMNS = [["Kitchen", "kitchen", "optional"], ["Episode", "episode", ""], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Steps", "length", "number optional"]];
+const COLUMNS = [["Kitchen", "kitchen", "optional"], ["Episode", "episode", ""], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Length", "length", "number optional"]];
 const PAGE = 50;
 
 export async function showEpisodes(root, run, query, signal) {
@@ -125,7 +125,7 @@ export async function showEpisodes(root, run, query, signal) {
       const columns = page.columns.filter((column) => whole.checked || main(column) || column.name === asked.sort);
       columns.isPlaced = !page.elsewhere || page.rows.some(({ environment }) => environment !== null);
       const figures = columns.map(({ name, label, doc }) => [label || headed(name), name, "number", doc]);
-      options("range", [["length", "steps"], ...page.columns.map(({ name, label }) => [name, label || headed(name)])]);
+      options("range", [["length", "length"], ...page.columns.map(({ name, label }) => [name, label || headed(name)])]);
       const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => ({ target: page.targets.length, kitchen: columns.isPlaced })[name] ?? true);
       const names = [...first, ...figures].map(([, name]) => name).join();
       if (heads.map((one) => one.dataset.column).join() !== names) {

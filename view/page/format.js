@@ -3,7 +3,7 @@
 const missing = "–";
 const known = (value) => value !== null && value !== undefined && Number.isFinite(value);
 
-export const count = (value) => (known(value) ? Math.round(value).toString().replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f") : missing);
+export const count = (value) => (known(value) ? Math.round(value).toString().replace(/\B(?=(\d{3})+(?!\d))/g, ",") : missing);
 export const percent = (share, digits = 1) => (known(share) ? `${(100 * share).toFixed(digits)}%` : missing);
 /** A share as a percentage that is never more than there is. */
 export const reached = (share) => percent(Math.floor(100 * share) / 100, 0);

@@ -4,7 +4,7 @@ use crate::environment;
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice};
 use crate::evaluation::run::EvaluationRun;
 use crate::evaluation::subject::{Found, Source, find};
-use crate::evaluation::text::{episodes_of, place, seeds_of};
+use crate::evaluation::text::{episodes_of, place, seeds_of, word_of_place};
 use crate::output::format::counted;
 use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
@@ -40,7 +40,7 @@ const ENVIRONMENTS_MAX: u32 = 32;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator eval runs/a --split test --objects novel     the paper's main table: 5 kitchens, 360 episodes each
-  orchestrator eval runs/a/best --split valid --objects all --episodes 60 --deterministic
+  orchestrator eval runs/a/best --split validation --objects all --episodes 60 --deterministic
   orchestrator eval runs/a/checkpoints/rollout-00000120.json --out evaluations/a-120
   orchestrator eval models/fetch.safetensors --split test   a policy file, which `orchestrator export` writes
   orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
@@ -64,8 +64,8 @@ pub struct EvalArgs {
     /// Kitchens [default: test; of a run in scenes of its own: those scenes]
     #[arg(long, value_enum)]
     split: Option<SplitChoice>,
-    /// Instead of a split's kitchens one, by its number, or procedural ones: a run in `count` of them was trained in those
-    /// from 1000 on, and has seen none of 1000 + `count` and up
+    /// Instead of a split (whose name --split takes): one kitchen by its number, 1 to 30, or procedural ones, as
+    /// 5000..5100, from 1000 on. A run in `count` of these has seen 1000 to 999 + `count`
     #[arg(long, value_name = "N|FIRST..END", value_parser = kitchens, conflicts_with = "split")]
     kitchens: Option<Chosen>,
     /// Targets, of a task that has them: novel, seen in training, or all [default: novel; in scenes all that they have]
@@ -122,7 +122,7 @@ fn kitchens(text: &str) -> Result<Chosen, String> {
         return text.parse().map(Chosen::Procedural);
     }
     let wanted = "expected one kitchen's number, as 7, or procedural kitchens, as 5000..5100; several that are built in are \
-                  those of a split: --split train, valid or test";
+                  those of a split: --split train, validation or test";
     let number: u32 = text.parse().map_err(|_| wanted)?;
     let kitchen = KitchenId::generated(number).map_err(|error| error.to_string())?;
     if kitchen.is_procedural() {
@@ -194,7 +194,10 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32);
     let mut config = configuration(run, &asked, args, cores)?;
 
-    terminal::note_wrapped(&announcement(args, &config, &asked));
+    if let Some(chosen) = chosen(args.subject.as_deref(), asked.checkpoint.as_deref()) {
+        terminal::note(&chosen);
+    }
+    terminal::note(&announcement(args, &config, &asked));
     let tools = Tools::find()?;
     let named = args.out.clone().unwrap_or_else(|| default_folder(&subject, &asked));
     demand_all(&config, &RunFolder::new(&named), &tools)?;
@@ -304,13 +307,13 @@ fn asked(
     );
     demand!(
         !elsewhere || args.split != Some(SplitChoice::Train),
-        "--split train: episodes of fixed seeds are those of the test or of validation (--split valid)"
+        "--split train: episodes of fixed seeds are those of the test or of validation (--split validation)"
     );
     let split = match args.split {
         None if args.kitchen().is_some() => args.kitchen().map_or(Split::Test, KitchenId::split),
         None if in_scenes || args.kitchens.is_some() => Split::Train,
         Some(SplitChoice::Train) => Split::Train,
-        Some(SplitChoice::Valid) => Split::Validation,
+        Some(SplitChoice::Validation) => Split::Validation,
         Some(SplitChoice::Test) | None => Split::Test,
     };
     let distribution = match args.distribution {
@@ -321,7 +324,7 @@ fn asked(
     };
     demand!(
         distribution != Distribution::Fixed || split != Split::Train,
-        "--distribution fixed: {} have no fixed episodes, only validation and test kitchens do (--split valid or test)",
+        "--distribution fixed: {} have no fixed episodes, only validation and test kitchens do (--split validation or test)",
         match args.procedural() {
             Some(_) => "procedural kitchens",
             None if in_scenes => "scenes",
@@ -353,6 +356,12 @@ fn asked(
         steps_per_s: args.shown.steps_per_s,
         checkpoint,
     })
+}
+
+/// Which of a folder's checkpoints is evaluated.
+fn chosen(subject: Option<&Path>, checkpoint: Option<&str>) -> Option<String> {
+    let (folder, checkpoint) = (subject.filter(|subject| subject.is_dir())?, Path::new(checkpoint?));
+    Some(format!("checkpoint {} of {}", checkpoint.file_name()?.display(), folder.display()))
 }
 
 /// Which episodes are played where, and how to have others where that was not asked for.
@@ -392,13 +401,7 @@ fn shape(asked: &EvaluationConfig, actors: Option<u32>, environments: Option<u32
 }
 
 fn default_folder(subject: &Subject, asked: &EvaluationConfig) -> PathBuf {
-    let split = match asked.split {
-        _ if !asked.scene_targets.is_empty() => "scenes",
-        _ if asked.procedural.is_some() => "procedural",
-        Split::Train => "train",
-        Split::Validation => "valid",
-        Split::Test => "test",
-    };
+    let split = word_of_place(asked.split, asked.procedural.is_some(), !asked.scene_targets.is_empty());
     let time = format::timestamp(unix_now());
     let objects = match asked.objects {
         ObjectSet::NoTargets => String::new(),
@@ -427,7 +430,7 @@ mod tests {
 
     #[test]
     fn one_learner_evaluates_what_several_have_trained() {
-        let args = args(&["runs/a", "--split", "valid", "--device", "cpu"]);
+        let args = args(&["runs/a", "--split", "validation", "--device", "cpu"]);
         let mut run = Config::resolve("demo", None).unwrap();
         (run.actors.count, run.learner.count, run.learner.shards) = (8, 8, 8);
         run.validate().unwrap();
@@ -474,7 +477,7 @@ mod tests {
 
     #[test]
     fn what_is_shown_has_one_slow_environment_a_kitchen_on_any_machine() {
-        let of = |kitchen: Option<u32>, split: Option<&str>, cores: u32| {
+        let of = |kitchen: Option<u32>, split: Option<SplitChoice>, cores: u32| {
             let kitchen = kitchen.map(|number| KitchenId::new(number).unwrap());
             let options = super::super::player::options(kitchen, split, 4, true);
             let args =
@@ -491,7 +494,7 @@ mod tests {
         };
         for cores in [1, 2, 64] {
             assert_eq!(of(None, None, cores), (5, 2, Split::Test));
-            assert_eq!(of(None, Some("train"), cores), (19, 1, Split::Train));
+            assert_eq!(of(None, Some(SplitChoice::Train), cores), (19, 1, Split::Train));
             assert_eq!(of(Some(7), None, cores), (1, 7, Split::Train));
             assert_eq!(of(Some(11), None, cores), (1, 11, Split::Validation));
             assert_eq!(of(Some(1003), None, cores), (1, 1003, Split::Train));

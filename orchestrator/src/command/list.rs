@@ -1,12 +1,14 @@
-use crate::output::{format, terminal};
+use crate::output::format::{self, NOTHING};
+use crate::output::terminal;
 use crate::run::identity::no_folder;
 use crate::viewer::RunReaders;
 use crate::wrong::demand;
 use anyhow::Result;
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use view::data::{Card, Runs};
+use view::data::{Card, Runs, SuiteStanding};
 
 pub const RUNS: &str = "runs";
 /// Where evaluations stand: in their run, or beside `runs` those of policy files.
@@ -46,9 +48,26 @@ pub fn print(cards: &[Card]) {
     if cards.is_empty() {
         terminal::note("no run yet: `orchestrator up` starts one");
     }
-    let row = |card: &Card| [vec![card.folder.clone()], cells(card)].concat();
-    terminal::out_table(&cards.iter().map(row).collect::<Vec<_>>());
+    terminal::out_table(&rows(cards));
     note(cards);
+}
+
+/// A row for each card, and for each suite before the newest of its cards. One run's evaluations stand without its suite.
+fn rows(cards: &[Card]) -> Vec<Vec<String>> {
+    let (mut rows, mut suites) = (Vec::new(), BTreeSet::new());
+    let has_runs = cards.iter().any(|card| !card.evaluation);
+    for card in cards {
+        let suite = card.suite_standing.as_ref().filter(|suite| has_runs && suites.insert(&suite.folder));
+        if let Some(SuiteStanding { folder, counts, .. }) = suite {
+            // As the card's folder is named.
+            let up = if card.evaluation { 4 } else { 2 };
+            let named = Path::new(&card.folder).ancestors().nth(up).filter(|named| !named.as_os_str().is_empty());
+            let named = named.map_or_else(|| folder.clone(), |named| named.display().to_string());
+            rows.push(vec![named, format::day(card.created_unix_s), "suite".to_owned(), counts.clone()]);
+        }
+        rows.push([vec![card.folder.clone()], cells(card)].concat());
+    }
+    rows
 }
 
 /// Sentences, which would widen a column for all.
@@ -62,12 +81,18 @@ pub fn note(cards: &[Card]) {
             terminal::note(&format!("{folder}{sentence}"));
         }
     }
+    let has_figures = |evaluation| cards.iter().any(|card| card.evaluation == evaluation && !card.figures.is_empty());
+    if has_figures(false) && has_figures(true) {
+        terminal::note(
+            "figures of a run are of training, newest tenth of its stage; of an evaluation, of its episodes",
+        );
+    }
 }
 
-/// State and subject, then how far it is, its figures and the time left.
+/// When it was begun, state and subject, then how far it is, its figures and the time left.
 pub fn cells(card: &Card) -> Vec<String> {
     if card.problem.is_some() {
-        return vec!["unreadable".to_owned()];
+        return vec![NOTHING.to_owned(), "unreadable".to_owned()];
     }
     let what = if card.evaluation { "episodes" } else { "frames" };
     let of = if card.done == card.budget { String::new() } else { format!(" / {}", format::count(card.budget)) };
@@ -76,7 +101,7 @@ pub fn cells(card: &Card) -> Vec<String> {
     let figures = format::metrics(metrics, &card.figures, "  ");
     let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
     let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));
-    vec![card.state.clone(), subject(card), done, figures, left]
+    vec![format::day(card.created_unix_s), card.state.clone(), subject(card), done, figures, left]
 }
 
 /// A run of a suite is called as the suite calls it, another by its task and preset.
@@ -106,7 +131,7 @@ mod tests {
         };
         let named = "none, seed 12";
         let run = cells(&card("runs/s/runs/none-12", false, Some("s")));
-        assert_eq!(run[..3], ["stopped", named, "5 / 1 000 frames"]);
+        assert_eq!(run[..4], ["1970-01-01", "stopped", named, "5 / 1,000 frames"]);
         assert_eq!(subject(&card("runs/s/runs/none-12/evaluations/suite-test", true, Some("s"))), named);
         assert_eq!(subject(&card("runs/s/runs/demo-12", false, Some("s"))), "demo, seed 12");
         assert_eq!(
@@ -114,6 +139,26 @@ mod tests {
             ["demo, seed 12"; 2]
         );
         let done = Card { done: 1000, ..card("a", false, None) };
-        assert_eq!(cells(&done)[2], "1 000 frames");
+        assert_eq!(cells(&done)[3], "1,000 frames");
+    }
+
+    #[test]
+    fn a_suite_stands_once_before_its_runs_with_its_own_state() {
+        let card = |run: &str, evaluation| {
+            let (folder, counts) = ("/w/runs/s".to_owned(), "1 of 2 runs complete, 1 evaluating".to_owned());
+            let suite_standing = Some(SuiteStanding { folder, counts, report: None });
+            Card { folder: run.to_owned(), evaluation, suite_standing, ..Card::default() }
+        };
+        let cards = [
+            card("runs/s/runs/b-1/evaluations/suite-test", true),
+            card("runs/s/runs/b-1", false),
+            card("runs/s/runs/a-1", false),
+        ];
+        let rows = rows(&cards);
+        let begin: Vec<&str> = rows.iter().map(|row| row[0].as_str()).collect();
+        assert_eq!(begin, ["runs/s", &cards[0].folder, &cards[1].folder, &cards[2].folder]);
+        assert_eq!(super::rows(&cards[..1]).len(), 1);
+        assert_eq!(rows[0][1..], ["1970-01-01", "suite", "1 of 2 runs complete, 1 evaluating"]);
+        assert_eq!(super::rows(&[card("runs/a-1", false)])[0][0], "/w/runs/s", "the suite's folder has no other name");
     }
 }

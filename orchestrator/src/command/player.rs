@@ -4,6 +4,7 @@
 //! (`orchestrator eval`), slowly enough to be watched, and begins again when all episodes are played. When the viewer
 //! ends it stops the child and removes the folder; when it is killed the kernel interrupts the child, which does that.
 
+use crate::evaluation::choice::{SplitChoice, word};
 use crate::evaluation::subject::{Source, find};
 use crate::output::format;
 use crate::output::log_line::error_in;
@@ -38,8 +39,8 @@ pub struct SceneArgs {
     #[arg(long, value_name = "K", value_parser = generated)]
     kitchen: Option<KitchenId>,
     /// The policy plays in the kitchens of a split [default: test; of a run in scenes of its own: those scenes]
-    #[arg(long, value_name = "SPLIT", value_parser = ["train", "valid", "test"], conflicts_with = "kitchen")]
-    split: Option<String>,
+    #[arg(long, value_enum, conflicts_with = "kitchen")]
+    split: Option<SplitChoice>,
     /// Steps a second that the policy plays
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u32).range(1..=100))]
     speed: u32,
@@ -97,10 +98,15 @@ impl Drop for Orphan {
 }
 
 /// Options of an evaluation that is shown: where it plays, and how fast. `has_targets`: its episodes have targets.
-pub fn options(kitchen: Option<KitchenId>, split: Option<&str>, steps_per_s: u32, has_targets: bool) -> Vec<String> {
+pub fn options(
+    kitchen: Option<KitchenId>,
+    split: Option<SplitChoice>,
+    steps_per_s: u32,
+    has_targets: bool,
+) -> Vec<String> {
     let place = match (kitchen, split) {
         (Some(kitchen), _) => Some(("--kitchens", kitchen.to_string())),
-        (None, Some(split)) => Some(("--split", split.to_owned())),
+        (None, Some(split)) => Some(("--split", word(&split))),
         (None, None) => None,
     };
     let place = place.into_iter().flat_map(|(option, value)| [option.to_owned(), value]);
@@ -157,7 +163,7 @@ impl Player {
         );
         let plays = in_words(policy, &found)?;
         let policy = std::path::absolute(policy)?;
-        let options = options(scene.kitchen, scene.split.as_deref(), scene.speed, has_targets(config.spec()));
+        let options = options(scene.kitchen, scene.split, scene.speed, has_targets(config.spec()));
         let name = policy.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let root = wire::temporary_folder().join(format!("{PREFIX}{}", Identity::new()?.id));
         Ok(Self { root, plays, steps_per_s: scene.speed, policy, options, name, child: None })

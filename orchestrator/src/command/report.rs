@@ -6,7 +6,7 @@ use crate::run::identity::no_folder;
 use crate::suite;
 use crate::wrong::{demand, judged};
 use anyhow::Result;
-use report::Options;
+use report::{Options, Report};
 use std::path::{Path, PathBuf};
 
 /// Put runs and their evaluations on one page, beside the paper's figures
@@ -67,25 +67,34 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     let gathered = gather(&given)?;
     let runs = gathered.runs.len();
     let report = write(gathered, &options(&args.thresholds)?, &out)?;
+    if args.json {
+        terminal::out_json(&report)?;
+    } else if let Some(table) = &args.table {
+        terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
+    } else {
+        print(&report, 1);
+        let groups = report.groups.len();
+        let evaluated = report.groups.iter().filter(|group| !group.results.is_empty()).count();
+        if runs > 1 || evaluated == 0 {
+            let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));
+            terminal::out(&format!("{runs} in {groups}; groups evaluated: {evaluated}"));
+        }
+        terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
+        terminal::out(&format!("page: {}", out.join(PAGE).display()));
+    }
     for line in report.episodes.iter().chain(&report.notes) {
         terminal::note(line);
     }
-    if args.json {
-        terminal::out_json(&report)?;
-        return Ok(());
-    }
-    if let Some(table) = &args.table {
-        terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
-        return Ok(());
-    }
-    terminal::out_table(&rows(&report, 1));
-    let groups = report.groups.len();
-    let evaluated = report.groups.iter().filter(|group| !group.results.is_empty()).count();
-    let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));
-    terminal::out(&format!("{runs} in {groups}; groups evaluated: {evaluated}"));
-    terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
-    terminal::out(&format!("page: {}", out.join(PAGE).display()));
     Ok(())
+}
+
+/// The table of what is over so many seeds at least.
+pub fn print(report: &Report, least: usize) {
+    let (rows, intervals) = rows(report, least);
+    terminal::out_table(&rows);
+    for line in intervals {
+        terminal::out_wrapped(&line);
+    }
 }
 
 /// Where the report goes that names no folder: where runs are, because a checkout has a folder `report` of its own.

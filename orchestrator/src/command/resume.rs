@@ -41,7 +41,7 @@ const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator resume runs/20261121-020423-demo-1
-  orchestrator resume runs/20261121-020423-demo-1 --frames 720000   trains on: 720 000 frames in all
+  orchestrator resume runs/20261121-020423-demo-1 --frames 720000   trains on: 720,000 frames in all
   orchestrator resume runs/20261121-020423-demo-1 --actors 8        with another number of actors
 
 With --actors, environments keep what they are: those of the actors that remain go on as before, those of actors that

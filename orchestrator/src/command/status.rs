@@ -61,6 +61,8 @@ struct Status {
     stopped: Vec<Stopped>,
     #[serde(flatten)]
     work: Work,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    evaluations: Vec<Card>,
 }
 
 #[derive(Debug, Serialize)]
@@ -214,7 +216,7 @@ pub fn of_suite(root: &Path, json: bool) -> Result<()> {
 fn suite_rows(runs: &[At], cards: &[Card]) -> Vec<Vec<String>> {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     // The name says what the subject would.
-    let figures = |card: &Card| list::cells(card).into_iter().skip(2).collect();
+    let figures = |card: &Card| list::cells(card).into_iter().skip(3).collect();
     let mut rows = Vec::new();
     for (run, at, _) in runs {
         let of_run = cards.iter().find(|card| Path::new(&card.folder) == run).map_or_else(Vec::new, figures);
@@ -227,6 +229,12 @@ fn suite_rows(runs: &[At], cards: &[Card]) -> Vec<Vec<String>> {
         }
     }
     rows
+}
+
+/// Those in a run's own folder, the newest first.
+fn evaluations(run: &RunFolder) -> Vec<Card> {
+    let folder = run.root().join(EVALUATIONS);
+    if folder.is_dir() { RunReaders::once(vec![folder]).list() } else { Vec::new() }
 }
 
 pub fn run(args: &StatusArgs) -> Result<()> {
@@ -250,6 +258,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
             LockState::By(_) | LockState::Free | LockState::Unsigned => Vec::new(),
         },
         work,
+        evaluations: evaluations(&folder),
     };
     if args.json {
         terminal::out_json(&status)?;
@@ -259,7 +268,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         LockState::By(holder) => format!(" ({holder})"),
         LockState::Free | LockState::Unsigned => String::new(),
     };
-    let Status { id, state, preset, seed, incarnations, recordings, stopped, work } = status;
+    let Status { id, state, preset, seed, incarnations, recordings, stopped, work, evaluations } = status;
     terminal::out_wrapped(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
     if let Some(last) = incarnations.last() {
         terminal::out_wrapped(&format!("start {} at {}", last.number, format::date(last.started_unix_s)));
@@ -281,9 +290,8 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     if let Some(recordings) = recordings {
         terminal::out_wrapped(&format::recordings(&recordings));
     }
-    let evaluations = folder.root().join(EVALUATIONS);
-    let evaluations = if evaluations.is_dir() { RunReaders::once(vec![evaluations]).list() } else { Vec::new() };
     if !evaluations.is_empty() {
+        terminal::out("evaluations, with the figures of their episodes:");
         list::print(&evaluations);
     }
     // An evaluation is not gone on with.

@@ -8,7 +8,7 @@ use crate::preflight::{device, libtorch, programs};
 use crate::report_builder::files;
 use crate::report_builder::gather::gather;
 use crate::run::scenes;
-use crate::suite::{Asked, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, begun, run as work, standings};
+use crate::suite::{Asked, BUILT_IN, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, begun, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
 use crate::wrong::judged;
@@ -26,7 +26,7 @@ frames = 1_000_000                # optional: all stages of every run scaled to 
 config.learner.threads = 2        # optional: keys laid over every preset
 
 [[evaluations]]                   # of every trained run, as `orchestrator eval` takes it
-split = "test"                    # or "valid", "train"
+split = "test"                    # or "validation", "train"
 objects = "novel"                 # or "seen", "all"
 episodes = 60                     # optional; also deterministic = true
 checkpoint = "best"               # optional: the best by its own validation; else "newest"
@@ -57,12 +57,14 @@ fn after_help() -> String {
     format!(
         "The file, TOML:\n{}\n
 Examples:
+  orchestrator suite two-seeds                     a built-in one ({}): into runs/two-seeds
   orchestrator suite table-1.toml                  into runs/table-1
   orchestrator suite table-1.toml --gpus 0,1,2,3
   orchestrator suite table-1.toml --seed 4,5,6     with other seeds than those in the file
-  orchestrator suite suites/paper.toml --table docs/results/paper.json    the runs that the paper's table still lacks
+  orchestrator suite paper --table docs/results/paper.json    the runs that the paper's table still lacks
   orchestrator suite table-1.toml --check          says what it would do",
-        example.collect::<Vec<_>>().join("\n")
+        example.collect::<Vec<_>>().join("\n"),
+        BUILT_IN.map(|(name, _)| name).join(", ")
     )
 }
 
@@ -75,7 +77,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = after_help())]
 pub struct SuiteArgs {
-    /// What to run
+    /// What to run: a file, or the name of a built-in suite
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Folder of the suite [default: runs/FILE without its ending]
@@ -161,11 +163,11 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         tell(None)?;
     } else {
         let report = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
+        if !args.json {
+            super::report::print(&report, 2);
+        }
         for note in &report.notes {
             terminal::note(note);
-        }
-        if !args.json {
-            terminal::out_table(&files::rows(&report, 2));
         }
         tell(Some(folder.page()))?;
     }

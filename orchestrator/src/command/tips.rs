@@ -24,7 +24,7 @@ const MISSING: [(&str, &str); 8] = [
     ),
     ("scale", "`orchestrator scale RUN --actors 8` gives a run eight actors"),
     ("compare", "give two runs or more, as in `orchestrator compare runs/a runs/b`"),
-    ("suite", "give its file, such as suites/two-seeds.toml; `orchestrator suite --help` shows one"),
+    ("suite", "give its file, or the name of a built-in one, such as two-seeds; `orchestrator suite --help` shows one"),
     ("import", "`orchestrator import FILE --run runs/NEW` makes the run runs/NEW"),
     ("recover", "give a recording, a file in RUN/recordings"),
     ("allow", "give the folder of a run whose environment command you trust"),

@@ -276,7 +276,7 @@ fn introduce(config: &Config, asked: bool) {
         };
         terminal::note(&format!(
             "{why}This is a demonstration, not the paper's experiment: a small encoder, episodes that begin near their\n\
-             target, {frames} frames instead of 45 000 000.{full}"
+             target, {frames} frames instead of 45,000,000.{full}"
         ));
     } else if !asked {
         terminal::note(&format!("preset {}: {frames} frames", config.preset));

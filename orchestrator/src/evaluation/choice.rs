@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum SplitChoice {
     Train,
-    #[value(aliases = ["val", "validation"])]
-    Valid,
+    #[value(aliases = ["val", "valid"])]
+    Validation,
     Test,
 }
 

@@ -1,5 +1,5 @@
 use crate::output::format::{self, NOTHING, counted, shown};
-use crate::output::table::{blocks, right_aligned};
+use crate::output::table::{blocks, right_aligned, wrapped};
 use proto::config::Config;
 use proto::evaluation::{
     CategoryFigures, Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, ObjectSet,
@@ -7,6 +7,7 @@ use proto::evaluation::{
 };
 use proto::kitchen::{KitchenId, KitchenRange, Split};
 use proto::task::{Described, Spec};
+use report::statistics::{Interval, wilson};
 use view::data::{ResultRow, Results};
 
 /// Which episodes are played, as people read it.
@@ -29,6 +30,17 @@ pub fn place(split: Split, procedural: Option<KitchenRange>, scenes: usize, one:
         Split::Test => "the 5 test kitchens",
     };
     split.to_owned()
+}
+
+/// The same in a word, which begins a table and is in the name of a folder.
+pub fn word_of_place(split: Split, procedural: bool, scenes: bool) -> &'static str {
+    match split {
+        _ if scenes => "scenes",
+        _ if procedural => "procedural",
+        Split::Train => "train",
+        Split::Validation => "validation",
+        Split::Test => "test",
+    }
 }
 
 /// Which policy plays which episodes, in a line.
@@ -59,6 +71,9 @@ pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Opti
     (distribution == Distribution::Seeds).then_some(seeds)
 }
 
+/// Columns of a line of figures where there is no terminal.
+const UNBROKEN: usize = 120;
+
 /// `columns`: of the terminal, if it is one. There the line about the episodes stands already, from the beginning.
 pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Vec<String> {
     let Cost { wall_s, steps, .. } = evaluation.cost;
@@ -75,13 +90,14 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Ve
     lines.extend(scenes.map(|(index, file)| format!("scene {index} is {file}")));
     let results = results(spec, evaluation);
     let heads = results.heads.iter().map(|[head, _]| format!("{head:>6}"));
-    let head = [format!("{:12}", ""), "episodes".to_owned()].into_iter().chain(heads).collect();
+    let word = word_of_place(conditions.split, conditions.procedural.is_some(), !conditions.scenes.is_empty());
+    let head = [format!("{word:12}"), "episodes".to_owned()].into_iter().chain(heads).collect();
     let row = |row: &ResultRow| [vec![row.name.clone(), row.episodes.to_string()], row.cells.clone()].concat();
     let table: Vec<Vec<String>> = std::iter::once(head).chain(results.rows.iter().map(row)).collect();
     lines.extend(blocks(&table, columns).iter().flat_map(|block| right_aligned(block, 1)));
     lines.extend(results.intervals);
     let figures: Vec<String> = results.figures.iter().map(|[label, figure, _]| format!("{label} {figure}")).collect();
-    lines.extend(figures.chunks(4).map(|some| some.join(", ")));
+    lines.extend(wrapped(&figures.join("  "), columns.unwrap_or(UNBROKEN)));
     let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { NOTHING.to_owned() };
     lines.push(format!("{} steps in {wall_s:.1} s: {rate} steps/s", format::count(steps)));
     lines
@@ -111,20 +127,27 @@ pub fn results(spec: &Spec, evaluation: &Evaluation) -> Results {
     let kitchens = if evaluation.conditions.procedural.is_some() { &[][..] } else { &evaluation.kitchens };
     let parts = kitchens.iter().map(of_kitchen).chain(evaluation.categories.iter().map(of_category));
     let sets = evaluation.object_sets.iter().map(|part| row(part.objects.name(), None, &part.figures));
-    let interval = |one: &Described| {
-        let [low, high] = evaluation.intervals.get(&one.name)?.map(|bound| shown(one, Some(bound)));
-        let mean = shown(one, evaluation.overall.get(&one.name));
-        Some(format!("{} {mean}, 95% interval {low} to {high}", one.label))
+    let overall = &evaluation.overall;
+    let interval = |one: &&Described| {
+        let mean = overall.get(&one.name)?;
+        let (whose, [low, high]) = if one.is_share() {
+            let successes = (mean * overall.episodes as f64).round() as u64;
+            wilson(successes, overall.episodes).map(|Interval { low, high }| ("Wilson's 95% interval", [low, high]))?
+        } else {
+            ("95% interval of a bootstrap", *evaluation.intervals.get(&one.name)?)
+        };
+        let [mean, low, high] = [mean, low, high].map(|figure| shown(one, Some(figure)));
+        Some(format!("{} {mean}, {whose} {low} to {high}", one.label))
     };
     let figure = |one: &Described| {
-        let figure = evaluation.overall.get(&one.name);
+        let figure = overall.get(&one.name);
         let unit = if one.unit.is_empty() || figure.is_none() { String::new() } else { format!(" {}", one.unit) };
         [one.label.clone(), shown(one, figure) + &unit, one.doc.clone()]
     };
     Results {
         heads: columns.iter().map(|one| [heading(one), one.doc.clone()]).collect(),
-        rows: parts.chain(sets).chain([row("all", None, &evaluation.overall)]).collect(),
-        intervals: described.iter().filter(printed).filter_map(interval).collect(),
+        rows: parts.chain(sets).chain([row("all", None, overall)]).collect(),
+        intervals: columns.iter().filter_map(interval).collect(),
         figures: further.iter().filter(printed).map(figure).collect(),
     }
 }
@@ -158,13 +181,14 @@ mod tests {
         let arm = Config::default().spec();
         let printed = result(arm, ObjectSet::Novel, played(kitchen, 6, &["success", "picked_up"]));
         let head =
-            "              episodes  length      SR   SRwoD  SRwoD (per axis)  picked up  disturbance (m)  disturbed";
+            "test          episodes  length      SR   SRwoD  SRwoD (per axis)  picked up  disturbance (m)  disturbed";
         assert_eq!(printed[1], head);
         let all =
             "all                  1     1.0  100.0%    0.0%              0.0%     100.0%            0.000       0.00";
-        assert_eq!(printed[printed.len() - 5], all);
-        let figures = "disturbance per success 0.000 m, success but unsafe 0.0%, unsafe of the successes 0.0%, worst";
-        assert!(printed[printed.len() - 4].starts_with(figures), "{printed:#?}");
+        assert_eq!(printed[printed.len() - 8], all);
+        assert_eq!(printed[printed.len() - 7], "SR 100.0%, Wilson's 95% interval 20.7% to 100.0%");
+        let figures = "disturbance per success 0.000 m  success but unsafe 0.0%  unsafe of the successes 0.0%  worst";
+        assert!(printed[printed.len() - 3].starts_with(figures), "{printed:#?}");
 
         let came_to = results(arm, &evaluation(arm, ObjectSet::Novel, played(kitchen, 6, &["success", "picked_up"])));
         let rows: Vec<_> = came_to.rows.iter().map(|row| (row.name.as_str(), row.filter.as_deref())).collect();
@@ -174,8 +198,9 @@ mod tests {
         let mut evaluation = evaluation(arm, ObjectSet::Novel, played(KitchenId::scene(0).unwrap(), 6, &["success"]));
         evaluation.conditions.scenes = vec!["runs/a/scenes/000/cabin.toml".to_owned()];
         let narrow = lines(arm, &evaluation, Some(80));
-        assert_eq!(narrow[1], head.strip_suffix("  disturbance (m)  disturbed").unwrap());
-        assert!(narrow.contains(&"              disturbance (m)  disturbed".to_owned()), "{narrow:#?}");
+        let of_scenes = head.replacen("test  ", "scenes", 1);
+        assert_eq!(narrow[1], of_scenes.strip_suffix("  disturbance (m)  disturbed").unwrap());
+        assert!(narrow.contains(&"scenes        disturbance (m)  disturbed".to_owned()), "{narrow:#?}");
         let of_scene = lines(arm, &evaluation, None);
         assert_eq!(of_scene[1], "scene 0 is runs/a/scenes/000/cabin.toml");
         assert!(of_scene[3].starts_with("scene 0 "), "{of_scene:#?}");
@@ -197,7 +222,7 @@ mod tests {
         let record = EpisodeRecord { category: None, numbers, ..played(kitchen, 6, &[]) };
         let expected = [
             "fixed episodes at full distance, in kitchen 2",
-            "              episodes  length      SR     SPL",
+            "test          episodes  length      SR     SPL",
             "kitchen 2            1     1.0  100.0%    0.75",
             "all                  1     1.0  100.0%    0.75",
         ];

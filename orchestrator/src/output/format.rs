@@ -85,13 +85,18 @@ fn moment(unix_s: u64) -> OffsetDateTime {
 /// Seconds since 1970 as `YYYYMMDD-HHMMSS` (UTC): sorts by time and is a valid file name everywhere.
 pub fn timestamp(unix_s: u64) -> String {
     let at = moment(unix_s);
-    let day = at.date().to_string().replace('-', "");
+    let day = day(unix_s).replace('-', "");
     format!("{day}-{:02}{:02}{:02}", at.hour(), at.minute(), at.second())
+}
+
+/// As `YYYY-MM-DD` (UTC).
+pub fn day(unix_s: u64) -> String {
+    moment(unix_s).date().to_string()
 }
 
 pub fn date(unix_s: u64) -> String {
     let at = moment(unix_s);
-    format!("{} {:02}:{:02}:{:02} UTC", at.date(), at.hour(), at.minute(), at.second())
+    format!("{} {:02}:{:02}:{:02} UTC", day(unix_s), at.hour(), at.minute(), at.second())
 }
 
 #[cfg(test)]

@@ -93,8 +93,8 @@ pub fn blocks(rows: &[Vec<String>], terminal: Option<usize>) -> Vec<Vec<Vec<Stri
     blocks
 }
 
-/// A text in lines of at most `width` characters, broken between words, and within a word that is longer alone; in a path
-/// only behind a slash, so that one with a longer name is wider.
+/// A text in lines of at most `width` characters, broken where two spaces stand, as between figures, else between words, and
+/// within a word that is longer alone; in a path only behind a slash, so that one with a longer name is wider.
 pub fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = Vec::new();
     let (width, mut rest): (usize, Vec<char>) = (width.max(1), text.chars().collect());
@@ -102,7 +102,8 @@ pub fn wrapped(text: &str, width: usize) -> Vec<String> {
         let fits = &rest[..=width];
         let indent = rest.iter().take_while(|letter| **letter == ' ').count();
         let space = fits.iter().rposition(|letter| *letter == ' ').filter(|at| *at > indent);
-        let end = space.unwrap_or_else(|| end_within(&rest, indent, width));
+        let gap = rest[..rest.len().min(width + 2)].windows(2).rposition(|pair| pair == [' ', ' ']);
+        let end = gap.filter(|at| *at > indent).or(space).unwrap_or_else(|| end_within(&rest, indent, width));
         let line: String = rest.drain(..end).collect();
         lines.push(line.trim_end().to_owned());
         let spaces = rest.iter().take_while(|letter| **letter == ' ').count();
@@ -167,6 +168,10 @@ mod tests {
         assert_eq!(below_paths(&rows, Some(28)), below);
         let no_columns = ["runs/a", "  both stages in minutes  7", "runs/bc", "  gym  12"];
         assert_eq!(below_paths(&rows, Some(27)), no_columns);
+        let figures = "SR 5.0%  worst severity 0.1 m  exposure 1 step";
+        assert_eq!(wrapped(figures, 29), ["SR 5.0%  worst severity 0.1 m", "exposure 1 step"]);
+        assert_eq!(wrapped(figures, 28), ["SR 5.0%", "worst severity 0.1 m", "exposure 1 step"]);
+        assert_eq!(wrapped(figures, 15)[..3], ["SR 5.0%", "worst severity", "0.1 m"]);
         let titled = [vec!["a title of a part".to_owned()], row(["a", "b", "c"])];
         assert_eq!(aligned(&titled), ["a title of a part", "a  b  c"]);
         assert_eq!(wrapped("  one two", 6), ["  one", "two"]);

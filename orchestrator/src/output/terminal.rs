@@ -127,10 +127,14 @@ fn ascii_controls(json: &str) -> String {
     text
 }
 
-pub fn note(line: &str) {
+/// On standard error, broken between words where that is a terminal that is too narrow.
+pub fn note(text: &str) {
+    let width = live_columns().unwrap_or(usize::MAX);
     let mut state = state();
     let drawn = erase(&mut state);
-    let _ = writeln!(std::io::stderr(), "{}", printable(&as_called(line)));
+    for line in as_called(text).lines().flat_map(|line| wrapped(line, width)) {
+        let _ = writeln!(std::io::stderr(), "{}", printable(&line));
+    }
     draw(&mut state, drawn);
 }
 
@@ -169,13 +173,6 @@ pub fn out_wrapped(text: &str) {
 pub fn out_table(rows: &[Vec<String>]) {
     for line in below_paths(rows, width()) {
         out(&line);
-    }
-}
-
-/// Like [`note`], broken between words.
-pub fn note_wrapped(text: &str) {
-    for line in wrapped(&as_called(text), live_columns().unwrap_or(usize::MAX)) {
-        note(&line);
     }
 }
 

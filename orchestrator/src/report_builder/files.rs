@@ -17,6 +17,7 @@ use report::statistics::{Estimate, Interval};
 use report::study::Run;
 use report::{FieldResult, GroupReport, Kept, Options, Report};
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 use wire::fault;
@@ -107,22 +108,38 @@ fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
 }
 
 /// A row for each result of a group that is over so many seeds at least: the group, which episodes and how many, and the
-/// metrics of its task with their intervals over seeds.
-pub fn rows(report: &Report, least: usize) -> Vec<Vec<String>> {
+/// metrics of its task with their intervals; and how these were made.
+pub fn rows(report: &Report, least: usize) -> (Vec<Vec<String>>, Vec<String>) {
+    let mut made = BTreeSet::new();
     let row = |(group, result): (&GroupReport, &FieldResult)| {
         let metric = |one: &Described| {
-            let Estimate { point, interval } = result.metrics.get(&one.name)?.mean;
             let shown = |figure| shown(one, Some(figure));
-            let within = |Interval { low, high }| format!(" [{}, {}]", shown(low), shown(high));
-            Some(format!("{} {}{}", one.label, shown(point), interval.map_or_else(String::new, within)))
+            let within = interval_of(result, &one.name).map(|(Interval { low, high }, how)| {
+                made.insert(how);
+                format!(" [{}, {}]", shown(low), shown(high))
+            });
+            let mean = shown(result.metrics.get(&one.name)?.mean.point);
+            Some(format!("{} {mean}{}", one.label, within.unwrap_or_default()))
         };
         let [seeds, episodes] = [(result.seeds.len() as u64, "seed"), (result.pooled.episodes, "episode")]
             .map(|(count, of)| counted(count, of));
         let metrics = report.tasks[&group.task].shown.iter().filter(|one| one.unit.is_empty()).filter_map(metric);
-        let metrics = metrics.collect::<Vec<_>>().join("  ");
-        vec![group.label.clone(), result.name.clone(), seeds, episodes, metrics]
+        [group.label.clone(), result.name.clone(), seeds, episodes].into_iter().chain(metrics).collect()
     };
-    of_groups(report).filter(|(_, result)| result.seeds.len() >= least).map(row).collect()
+    let rows = of_groups(report).filter(|(_, result)| result.seeds.len() >= least).map(row).collect();
+    (rows, made.into_iter().map(|how| format!("in brackets: {how}")).collect())
+}
+
+/// The interval of a mean, and how it was made. Those over episodes say nothing of other seeds.
+fn interval_of(result: &FieldResult, name: &str) -> Option<(Interval, &'static str)> {
+    let over_seeds =
+        result.metrics.get(name)?.mean.interval.map(|interval| (interval, "95% interval of a bootstrap over seeds"));
+    let of_rate =
+        || result.rates.get(name).map(|rate| (rate.interval, "Wilson's 95% interval over these episodes alone"));
+    let of_mean = || {
+        result.intervals.get(name).map(|interval| (*interval, "95% interval of a bootstrap over these episodes alone"))
+    };
+    over_seeds.or_else(of_rate).or_else(of_mean)
 }
 
 fn of_groups(report: &Report) -> impl Iterator<Item = (&GroupReport, &FieldResult)> {

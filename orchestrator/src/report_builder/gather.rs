@@ -348,7 +348,7 @@ mod tests {
     fn evaluations_of_the_same_weights_are_one() {
         let temporary = tempfile::tempdir().unwrap();
         let at = |name: &str| temporary.path().join(name);
-        for (split, name) in [(Split::Test, "test"), (Split::Validation, "valid")] {
+        for (split, name) in [(Split::Test, "test"), (Split::Validation, "validation")] {
             evaluate(&at(&format!("fresh/{name}")), split, None, "a");
             evaluate(&at(&format!("trained/{name}")), split, Some(&at("gone")), "b");
         }

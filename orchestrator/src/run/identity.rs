@@ -408,7 +408,7 @@ pub mod tests {
         let lines = read.changes_of_shape();
         assert_eq!(
             lines,
-            ["from rollout 7 on (8 400 frames): 1 host, 2 learners, 3 actors instead of 1 host, 2 learners, 4 actors"]
+            ["from rollout 7 on (8,400 frames): 1 host, 2 learners, 3 actors instead of 1 host, 2 learners, 4 actors"]
         );
         assert_eq!([read.actors_for(4, 3), read.actors_for(6, 3)], [3, 6]);
     }

@@ -5,7 +5,7 @@ use super::grid::{Point, points};
 use super::in_words::{in_words, some_of};
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice, word};
 use crate::evaluation::subject::network_differences;
-use crate::output::format::counted;
+use crate::output::format::{count, counted};
 use crate::training::next_steps::without_stage_one;
 use anyhow::{Context, Result, bail, ensure};
 use proto::bounded;
@@ -17,6 +17,17 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use toml::{Table, Value};
+
+/// The suites that this program has in itself, by name: where there is no checkout.
+pub const BUILT_IN: [(&str, &str); 7] = [
+    ("ablations", include_str!("../../../suites/ablations.toml")),
+    ("kitchens", include_str!("../../../suites/kitchens.toml")),
+    ("paper", include_str!("../../../suites/paper.toml")),
+    ("recipe", include_str!("../../../suites/recipe.toml")),
+    ("seeds", include_str!("../../../suites/seeds.toml")),
+    ("short", include_str!("../../../suites/short.toml")),
+    ("two-seeds", include_str!("../../../suites/two-seeds.toml")),
+];
 
 const RUNS_MAX: usize = 1000;
 /// Longest name of a run without its seed: file systems allow 255 bytes, and its folders and files add to it.
@@ -106,14 +117,29 @@ impl Asked {
 }
 
 impl Suite {
-    /// Reads and judges a file. If there are `seeds`, they take the place of all in the file, in the text that is
-    /// returned as well.
+    /// Reads and judges a file, or a built-in one where only its name is given. If there are `seeds`, they take the place
+    /// of all in the file, in the text that is returned as well.
     pub fn read(path: &Path, seeds: &[u64]) -> Result<(Self, String)> {
+        let built_in = BUILT_IN.iter().find(|(name, _)| Path::new(name) == path && !path.is_file());
+        let text = match built_in {
+            Some((_, text)) => (*text).to_owned(),
+            None => Self::text_of(path)?,
+        };
+        let is_toml = path.extension().is_none_or(|ending| ending == "toml") || text.parse::<Table>().is_ok();
+        let named = format!("{}{}", path.display(), if is_toml { "" } else { ": it must be TOML" });
+        let named = || named.clone();
+        let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
+        let suite = Self::parse(&text).with_context(named)?;
+        Ok((suite, text))
+    }
+
+    fn text_of(path: &Path) -> Result<String> {
         ensure!(
             path.exists() || path.extension().is_some(),
-            "{} is no file: a suite is a TOML file, such as suites/two-seeds.toml (`orchestrator suite --help` shows one); \
+            "{} is no file, and no built-in suite ({}): a suite is a TOML file (`orchestrator suite --help` shows one); \
              `orchestrator up --preset` trains a preset, `orchestrator presets` lists them",
-            path.display()
+            path.display(),
+            BUILT_IN.map(|(name, _)| name).join(", ")
         );
         ensure!(path.exists(), "cannot read suite {}: there is no such file", path.display());
         let own = path.join("suite.toml");
@@ -125,13 +151,7 @@ impl Suite {
             quoted(path)
         );
         ensure!(!path.is_dir(), "{} is a folder: name the file of a suite in it", path.display());
-        let text = bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))?;
-        let is_toml = path.extension().is_none_or(|ending| ending == "toml") || text.parse::<Table>().is_ok();
-        let named = format!("{}{}", path.display(), if is_toml { "" } else { ": it must be TOML" });
-        let named = || named.clone();
-        let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
-        let suite = Self::parse(&text).with_context(named)?;
-        Ok((suite, text))
+        bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))
     }
 
     pub fn parse(text: &str) -> Result<Self> {
@@ -258,13 +278,17 @@ impl Planned {
         let overrides = toml::to_string(keys).context("config")?;
         let frames = self.frames.or(frames);
         let mut config = Config::resolve_with(&self.preset, Some((&overrides, "config")))?;
+        config.validate()?;
         if let Some(frames) = frames {
+            let steps = u64::from(config.ppo.rollout_steps) * config.stages.len() as u64;
+            let least = config.environments() as u64 * steps;
+            ensure!(frames >= least, "frames = {frames} is too few: a rollout for each stage is {}", count(least));
             let too_few = |TooFewFrames { total, stages }| {
                 anyhow::anyhow!("frames = {total} is too few for {}", counted(stages as u64, "stage"))
             };
             config.stages = scale_to(&config.stages, frames).map_err(too_few)?;
+            config.validate()?;
         }
-        config.validate()?;
         let entry = |&seed: &u64| {
             let from = self.from.as_ref().map(|from| {
                 let found = source(&format!("{from}-{seed}"), &config, before);
@@ -399,7 +423,7 @@ mod tests {
             ("[ppo]\nclip = 0.2", "`orchestrator up --config FILE` takes a configuration"),
             (
                 "evaluations = [{ split = \"tset\", objects = \"all\" }]",
-                "unknown value `tset`, expected one of `train`, `valid`, `test`",
+                "unknown value `tset`, expected one of `train`, `validation`, `test`",
             ),
         ] {
             let problem = problem(text);
@@ -431,7 +455,7 @@ mod tests {
             objects = "novel"
             episodes = 6
             [[evaluations]]
-            split = "valid"
+            split = "validation"
             objects = "all"
             deterministic = true
             [[runs]]
@@ -453,7 +477,7 @@ mod tests {
         let frames = |entry: &SuiteEntry| entry.config.stages.iter().map(|stage| stage.frames).sum::<u64>();
         assert_eq!((frames(first), frames(wide)), (9000, 4500));
         let folders: Vec<String> = suite.evaluations.iter().map(Asked::folder).collect();
-        assert_eq!(folders, ["suite-test-novel-6", "suite-valid-all-deterministic"]);
+        assert_eq!(folders, ["suite-test-novel-6", "suite-validation-all-deterministic"]);
         assert!(suite.entries.iter().all(|entry| entry.from.is_none()));
         // What the child is given comes to the same.
         let again = Config::resolve_with("demo", Some((&wide.overrides, "file"))).unwrap();
@@ -593,7 +617,7 @@ mod tests {
         assert!(many.contains("runs so far; a suite has at most"), "{many}");
         assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
         let few = problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n");
-        assert_eq!(few, "[[runs]] number 1, preset `demo`: frames = 1 is too few for 2 stages");
+        assert_eq!(few, "[[runs]] number 1, preset `demo`: frames = 1 is too few: a rollout for each stage is 2,432");
         let same = problem("seeds = [1]\n[[runs]]\npreset = \"lambda-15\"\n[[runs]]\npreset = \"disturb-two-stage\"\n");
         assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
         let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";

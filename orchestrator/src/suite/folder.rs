@@ -314,7 +314,7 @@ mod tests {
     use std::process::Command;
 
     const TEXT: &str = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n\
-                        [[evaluations]]\nsplit = \"valid\"\nobjects = \"novel\"\n[[runs]]\npreset = \"demo\"\n";
+                        [[evaluations]]\nsplit = \"validation\"\nobjects = \"novel\"\n[[runs]]\npreset = \"demo\"\n";
 
     #[test]
     fn what_is_next_is_read_from_the_folders() {

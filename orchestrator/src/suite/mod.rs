@@ -13,7 +13,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub use file::{Asked, Suite, SuiteEntry};
+pub use file::{Asked, BUILT_IN, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, is_suite, refuse};
 pub use scheduler::{SuiteOutcome, run, standings};
 pub use standing::{At, Standing, begun};

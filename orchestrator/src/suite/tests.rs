@@ -1,27 +1,47 @@
 //! The suites of this repository.
 
-use super::file::{Asked, Suite, SuiteEntry};
+use super::file::{Asked, BUILT_IN, Suite, SuiteEntry};
 use proto::config::{Config, PpoConfig};
 use report::paper::{AblationRow, ActionSpaceRow, ResultRow};
+use std::path::Path;
+
+fn built_in(name: &str) -> &'static str {
+    BUILT_IN.iter().find(|(built_in, _)| *built_in == name).unwrap().1
+}
+
+#[test]
+fn every_suite_of_the_repository_is_taken_by_its_name() {
+    let files = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("../suites")).unwrap();
+    let mut names: Vec<_> = files.map(|file| file.unwrap().path().file_stem().unwrap().to_owned()).collect();
+    names.sort_unstable();
+    assert_eq!(names, BUILT_IN.map(|(name, _)| name));
+    let (suite, text) = Suite::read(Path::new("two-seeds"), &[]).unwrap();
+    assert_eq!((suite.entries[0].name.as_str(), text.as_str()), ("disturb-1", built_in("two-seeds")));
+    let unknown = Suite::read(Path::new("papr"), &[]).unwrap_err().to_string();
+    assert!(
+        unknown.contains("no built-in suite (ablations, kitchens, paper, recipe, seeds, short, two-seeds)"),
+        "{unknown}"
+    );
+}
 
 /// The suites in the repository are sound, and together they are every row of the paper's tables.
 #[test]
 fn our_own_suites_cover_the_paper() {
-    let main = Suite::parse(include_str!("../../../suites/paper.toml")).unwrap();
+    let main = Suite::parse(built_in("paper")).unwrap();
     // Fourteen other rows, and the run with the other learning rate.
     assert_eq!(main.entries.len(), 5 * 5 + 14 * 3 + 1);
     assert_eq!(
         main.evaluations.iter().map(Asked::folder).collect::<Vec<_>>(),
         ["suite-test-all", "suite-test-all-best"]
     );
-    Suite::parse(include_str!("../../../suites/two-seeds.toml")).unwrap();
-    let smaller = Suite::parse(include_str!("../../../suites/ablations.toml")).unwrap();
-    let short = Suite::parse(include_str!("../../../suites/short.toml")).unwrap();
+    Suite::parse(built_in("two-seeds")).unwrap();
+    let smaller = Suite::parse(built_in("ablations")).unwrap();
+    let short = Suite::parse(built_in("short")).unwrap();
     assert_eq!(short.entries.iter().filter(|entry| entry.from == Some(0)).count(), 5);
-    let kitchens = Suite::parse(include_str!("../../../suites/kitchens.toml")).unwrap();
+    let kitchens = Suite::parse(built_in("kitchens")).unwrap();
     let counts: Vec<_> = kitchens.entries.iter().map(|entry| entry.config.kitchens().count()).collect();
     assert_eq!(counts, [[19; 3], [100; 3], [1000; 3]].concat());
-    let recipe = Suite::parse(include_str!("../../../suites/recipe.toml")).unwrap();
+    let recipe = Suite::parse(built_in("recipe")).unwrap();
     assert!(recipe.entries.iter().all(|entry| proto::stage::total_frames(&entry.config.stages) == 45_000_000));
     let settings = |config: &Config| Config { preset: String::new(), seed: 0, ..config.clone() };
     let resolved = |preset: &str| Config::resolve(preset, None).unwrap();

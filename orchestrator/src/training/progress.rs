@@ -154,8 +154,7 @@ pub fn short_line(
     columns: usize,
 ) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
-    let stage = recent.stage.and_then(|stage| stages.get(stage));
-    let stage = stage.map_or_else(String::new, |stage| format!("{}  ", stage.name));
+    let stage = stage_of(stages, recent).map_or_else(String::new, |stage| format!("{}  ", stage.name));
     let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
     let EpisodeMeans { mean_return, figures, .. } = &recent.episodes;
     let known = metrics.iter().filter(|metric| figures.contains_key(&metric.name));
@@ -181,12 +180,16 @@ fn time_left(recent: &Recent) -> Option<String> {
     Some(format!("{} left", format::duration(Duration::try_from_secs_f64(left_s).ok()?)))
 }
 
+/// The stage that a run is in; none of one with all its frames.
+fn stage_of<'a>(stages: &'a [StageConfig], recent: &Recent) -> Option<&'a StageConfig> {
+    recent.stage.filter(|_| recent.frames < recent.budget).and_then(|stage| stages.get(stage))
+}
+
 pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let percent = 100.0 * recent.frames as f64 / recent.budget.max(1) as f64;
     let (frames, budget) = (format::count(recent.frames), format::count(recent.budget));
-    let stage = recent.stage.and_then(|stage| stages.get(stage));
-    let stage =
-        stage.map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, format::reward(&stage.reward)));
+    let stage = stage_of(stages, recent)
+        .map_or_else(String::new, |stage| format!("stage {} ({})  ", stage.name, format::reward(&stage.reward)));
     let mut parts = vec![format!("{stage}{frames} / {budget} frames  {percent:.1}%")];
     if let Some(rate) = recent.frames_per_s {
         parts.push(format!(
@@ -275,7 +278,7 @@ mod tests {
         progress.learner_died(seconds(12));
         assert_eq!(progress.doing(seconds(30), true), "leaving");
         let frames = frames_line(&stages(), &recent(&stages(), &history(30), false));
-        assert!(frames.contains("100.0%") && !frames.contains("left"), "{frames}");
+        assert!(frames.starts_with("1,500 / 1,500 frames  100.0%") && !frames.contains("left"), "{frames}");
     }
 
     #[test]

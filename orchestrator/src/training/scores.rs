@@ -218,7 +218,7 @@ pub mod tests {
         let mut notes = Vec::new();
         let below = evaluations_below(&RunFolder::new(temporary.path()), &mut notes).unwrap();
         assert!(below.len() == EVALUATIONS_MOST && below[0].root().ends_with("evaluations/1"));
-        assert_eq!(notes, ["evaluations/ has 1 001 results: only the last 1000 by name are read"]);
+        assert_eq!(notes, ["evaluations/ has 1,001 results: only the last 1000 by name are read"]);
     }
 
     #[test]

@@ -221,7 +221,7 @@ pub fn table(metrics: &[Described], stages: &[StageMeans]) -> Vec<String> {
     if terminal::width().is_some_and(|most| is_wider(&lines, most)) {
         lines = right_aligned(&transposed(&rows), 1);
     }
-    let means = "means over the newest tenth of each stage; return: first tenth -> newest tenth";
+    let means = "training, newest tenth of each stage; return: first tenth -> newest tenth";
     let is_unknown = |means: &EpisodeMeans| means.mean_return.is_none();
     let has_none = stages.iter().any(|stage| is_unknown(&stage.first_tenth) || is_unknown(&stage.last_tenth));
     lines.push(if has_none { format!("{means}; –: no episode ended there") } else { means.to_owned() });

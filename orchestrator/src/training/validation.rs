@@ -220,7 +220,7 @@ impl Validation {
         // The preset's number is one for each of five kitchens.
         let actors = if elsewhere { validation.actors.min(self.config.actors.count) } else { validation.actors };
         let (objects, actors) = (validation.objects.name(), actors.to_string());
-        words.extend(["--split", "valid", "--actors", &actors].map(OsString::from));
+        words.extend(["--split", "validation", "--actors", &actors].map(OsString::from));
         if has_targets(self.config.spec()) {
             words.extend(["--objects", objects].map(OsString::from));
         }

@@ -160,7 +160,7 @@ fn progress(live: &Live) -> Gauge<'static> {
     let Card { done, budget, left_s, evaluation, .. } = live.card;
     let what = if evaluation { "episodes" } else { "frames" };
     let ratio = (done as f64 / budget.max(1) as f64).clamp(0.0, 1.0);
-    let stage = live.stage.and_then(|stage| live.stages.get(stage)).filter(|_| !evaluation);
+    let stage = live.stage.and_then(|stage| live.stages.get(stage)).filter(|_| !evaluation && done < budget);
     let stage = stage.map_or_else(String::new, |stage| {
         format!("stage {} ({})  ", printable(&stage.name), format::reward(&stage.reward))
     });

@@ -37,7 +37,7 @@ def channels(task: str) -> list[dict[str, Any]]:
     observation is called without its unit."""
 
 def kitchens(split: str) -> list[int]:
-    """Numbers of the built-in kitchens of a split: "train", "valid" or "test"."""
+    """Numbers of the built-in kitchens of a split: "train", "validation" or "test"."""
 
 def whole(name: str, value: Any, most: int, least: int = 0) -> int:
     """An integer from `least` to `most`, of whatever can be an index but a bool; errors name it `name`."""

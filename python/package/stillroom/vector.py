@@ -78,7 +78,7 @@ class VectorEnv(Simulated, gymnasium.vector.VectorEnv):
 
         Args:
             num_envs: number of environments.
-            kitchens: a split ("train", which it is without one, "valid", "test"), a number or a `Kitchen`, or a
+            kitchens: a split ("train", which it is without one, "validation", "test"), a number or a `Kitchen`, or a
                 list of them.
             scenes: TOML file of a scene of your own, or a list of them, instead of kitchens.
             autoreset_mode: `NextStep`, `SameStep` or `Disabled`, as Gymnasium defines them; it is in
@@ -264,7 +264,7 @@ def _kitchens(
         count = len(paths)
     else:
         if kitchens is None or isinstance(kitchens, str):
-            chosen: list[Any] = kitchens_of(choice("kitchens", kitchens or "train", ["train", "valid", "test"]))
+            chosen: list[Any] = kitchens_of(choice("kitchens", kitchens or "train", ["train", "validation", "test"]))
         elif isinstance(kitchens, Kitchen) or is_single(kitchens):
             chosen = [kitchens]
         else:

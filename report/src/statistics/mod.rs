@@ -12,4 +12,4 @@ pub use aggregate::{Aggregate, Estimate};
 pub(crate) use bootstrap::{CURVE_RESAMPLES, RESAMPLES};
 pub use bootstrap::{Interval, intervals_over};
 pub use scores::{Scores, ScoresError, interquartile_mean};
-pub(crate) use wilson::wilson;
+pub use wilson::wilson;

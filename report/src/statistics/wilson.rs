@@ -6,7 +6,7 @@ use super::bootstrap::Interval;
 /// 97.5% point of the normal distribution.
 const Z: f64 = 1.959_963_984_540_054;
 
-pub(crate) fn wilson(successes: u64, trials: u64) -> Option<Interval> {
+pub fn wilson(successes: u64, trials: u64) -> Option<Interval> {
     if trials == 0 {
         return None;
     }

@@ -167,7 +167,7 @@ pub(crate) mod tests {
         let names: Vec<&str> = groups[0].runs.iter().map(|run| run.name.as_str()).collect();
         assert_eq!(names, ["b", "a", "c"], "by seed");
         assert!(groups[0].differences.is_empty(), "{:?}", groups[0].differences);
-        assert_eq!(groups[1].differences, ["stages: r 5 000, then r′ 250 000 frames"]);
+        assert_eq!(groups[1].differences, ["stages: r 5,000, then r′ 250,000 frames"]);
     }
 
     #[test]
@@ -207,7 +207,7 @@ pub(crate) mod tests {
         }
         let groups = groups(&runs).unwrap();
         assert_eq!(groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [1, 2]);
-        assert_eq!(groups[1].differences, ["begun with weights after 9 000 frames"]);
+        assert_eq!(groups[1].differences, ["begun with weights after 9,000 frames"]);
         assert!(groups[1].begun_with_unknown() && !groups[0].begun_with_unknown());
     }
 

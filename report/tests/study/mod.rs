@@ -88,7 +88,7 @@ fn evaluated(config: &Config, split: Split, objects: ObjectSet, skill: f64, care
     let conditions = Conditions::of(config, &asked, "cpu, 1 thread".into());
     let result = Evaluation::of(config.spec(), subject, conditions, Cost::default(), &records);
     let episodes = records.into_iter().map(|(record, _)| record).collect();
-    let split = if split == Split::Test { "test" } else { "valid" };
+    let split = if split == Split::Test { "test" } else { "validation" };
     let name = format!("20261121-{split}-{}", objects.name());
     Evaluated { folder: PathBuf::from("runs/x/evaluations").join(&name), name, result, episodes }
 }

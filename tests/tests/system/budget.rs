@@ -27,7 +27,7 @@ fn a_complete_run_trains_on_to_a_larger_budget() {
     let (weights, frames) = printed.result();
     assert_eq!(frames, 3100);
     assert_ne!(weights, short.0);
-    assert!(printed.stderr.contains("the budget is 3 100 frames instead of 2 000"), "{printed:#?}");
+    assert!(printed.stderr.contains("the budget is 3,100 frames instead of 2,000"), "{printed:#?}");
     assert!(printed.stderr.contains("the learning rate falls"), "{printed:#?}");
     assert!(!printed.stderr.contains("has changed since checkpoint"), "it was asked for: {printed:#?}");
     assert_eq!(stages(&workshop, "run"), [809, 2291]);

@@ -127,7 +127,7 @@ fn what_is_said_of_a_damaged_file_helps() {
     assert!(export.success && export.stderr.contains(&format!("{}.json is taken", name(before))), "{export:#?}");
     std::fs::write(newest, whole).expect("a writable file");
 
-    let evaluate = ["eval", "my run", "--split", "valid", "--objects", "novel", "--episodes", "6"];
+    let evaluate = ["eval", "my run", "--split", "validation", "--objects", "novel", "--episodes", "6"];
     let evaluated = || assert!(workshop.call(&evaluate).success);
     let report = || workshop.call(&["report", "my run"]);
     evaluated();

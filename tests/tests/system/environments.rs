@@ -177,7 +177,7 @@ fn an_evaluation_is_the_same_by_any_number_of_workers_and_kills() {
         workshop.run(out).assert_nothing_left();
     }
     // What chose the best checkpoint is not what tests it.
-    let (validation, _) = eval("valid", &["--split", "valid"], None);
+    let (validation, _) = eval("validation", &["--split", "validation"], None);
     assert_ne!(validation, undisturbed);
     let score = std::fs::read_to_string(RunFolder::new(workshop.path("run")).validation_log()).expect("two lines");
     assert!(score.lines().count() == 2 && score.contains("\"score\":"), "{score}");

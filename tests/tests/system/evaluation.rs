@@ -185,6 +185,8 @@ fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     let eval = |further: &[&str]| printed_result(&workshop, &[&["run"], further].concat());
     let (result, printed) = eval(&["--out", "there", "--record", "all"]);
     assert!(printed.stderr.contains("in 1 scene of the run's own (--split goes elsewhere)"), "{printed:#?}");
+    let chosen = printed.stderr.lines().find(|line| line.starts_with("checkpoint rollout-"));
+    assert!(chosen.is_some_and(|chosen| chosen.ends_with(".json of run")), "{printed:#?}");
     let conditions = &result["conditions"];
     assert_eq!((&conditions["scenes"][0], &conditions["objects"]), (&"scenes/000/scene.toml".into(), &"all".into()));
     assert_eq!((&result["kitchens"][0]["kitchen"], &result["overall"]["episodes"]), (&128.into(), &1.into()));

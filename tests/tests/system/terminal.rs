@@ -51,7 +51,7 @@ fn a_run_is_watched_from_another_terminal_which_comes_back() {
     for leave in ["\x03", "\x1b", "TERM", "HUP"] {
         let before = terminal.written().len();
         let top = start(terminal.session(&workshop.orchestrator(&["top", "run"])));
-        terminal.wait_for(before, &["complete", "3 000 / 3 000 frames"]);
+        terminal.wait_for(before, &["complete", "3,000 / 3,000 frames"]);
         match leave {
             "TERM" => run.processes("top").into_iter().for_each(|pid| signal(pid, Signal::TERM)),
             "HUP" => run.processes("top").into_iter().for_each(|pid| signal(pid, Signal::HUP)),
@@ -85,13 +85,13 @@ fn on_a_terminal_one_line_renews_itself_and_warnings_scroll_above_it() {
     let written = terminal.written();
     // What stands in a line of the terminal at the end: what came after it was erased last.
     let lines: Vec<&str> = written.lines().filter_map(|line| line.rsplit("\x1b[J").next()).collect();
-    assert!(lines.iter().all(|line| !line.contains(" / 1 500  ")), "no progress stays: {lines:#?}");
+    assert!(lines.iter().all(|line| !line.contains(" / 1,500  ")), "no progress stays: {lines:#?}");
     assert!(lines.iter().any(|line| line.contains("WARN") && line.contains(" died")), "{lines:#?}");
     let last = lines.iter().rposition(|line| line.starts_with("frames: 1500"));
     assert!(last.is_some_and(|last| lines[last - 1].starts_with("weights: ")), "{lines:#?}");
     // Never more than one line, and never wider than the terminal.
     // After a line of the log it is drawn again.
-    let drawn = written.split("\r\x1b[J").skip(1).filter(|drawn| drawn.contains(" / 1 500  "));
+    let drawn = written.split("\r\x1b[J").skip(1).filter(|drawn| drawn.contains(" / 1,500  "));
     let progress: Vec<&str> = drawn.map(|drawn| drawn.lines().next_back().unwrap_or_default()).collect();
     assert!(progress.len() > 5 && progress.iter().all(|line| line.chars().count() < 80), "{progress:#?}");
     assert!(!written.contains("A\x1b[J"), "nothing above the line is erased");

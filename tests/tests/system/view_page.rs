@@ -96,7 +96,7 @@ fn curves_move(browser: &mut Browser, workshop: &Workshop) {
     let trained = || workshop.run("runs/watched").metrics().len();
     let before = trained();
     browser.wait_for(&format!("{points} === {before}"));
-    browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1\u{202f}200')");
+    browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1,200')");
     let drawn = pixels(browser, "[data-figure='time/frames_per_second'] canvas");
     assert!(drawn.0 > 5, "a curve, a grid and words: {} colours", drawn.0);
     let longer = FRAMES[1].to_string();
@@ -104,7 +104,7 @@ fn curves_move(browser: &mut Browser, workshop: &Workshop) {
     assert!(trained() > before, "it went on");
     browser.wait_for(&format!("{points} === {}", trained()));
     assert_ne!(pixels(browser, "[data-figure='time/frames_per_second'] canvas"), drawn, "the curve moved");
-    browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1\u{202f}600')");
+    browser.wait_for("document.querySelector('section[aria-label=Progress]').innerText.includes('of 1,600')");
 }
 
 /// Failures that were overcome are not counted when others come.

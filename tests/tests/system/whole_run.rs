@@ -34,6 +34,7 @@ fn a_run_ends_on_its_budget_and_its_recording_holds_every_step() {
 
     let status = workshop.call(&["status", "run"]);
     assert!(status.stdout.contains("recordings: 1 file, "), "{status:#?}");
+    assert!(!status.stdout.contains("\nstage I"), "it is in no stage any more: {status:#?}");
 
     let again = complete(workshop.resume("run"));
     assert_eq!(again.result(), printed.result(), "a complete run only prints its summary again");
@@ -51,11 +52,16 @@ fn the_demonstration_ends_with_a_test_that_its_report_shows() {
     assert_eq!(printed.result().1, 60, "the last lines of standard output are the run's");
     assert!(printed.stderr.contains("30 episodes"), "{printed:#?}");
     let report = workshop.call(&["report", "demo"]);
-    assert!(report.stdout.contains("groups evaluated: 1"), "{report:#?}");
+    assert!(report.stdout.contains("in brackets: Wilson's 95% interval over these episodes alone\n"), "{report:#?}");
+    assert!(!report.stdout.contains("1 group"), "one run is one group: {report:#?}");
     assert!(
         report.stdout.starts_with("demo  test, novel objects, drawn episodes  1 seed  30 episodes  SR "),
         "{report:#?}"
     );
+    let status = workshop.call(&["status", "demo", "--json"]).json();
+    assert_eq!(status["evaluations"][0]["state"], "complete", "{status:#}");
+    let status = workshop.call(&["status", "demo"]).good().stdout;
+    assert!(status.contains("\nevaluations, with the figures of their episodes:\ndemo/evaluations/"), "{status}");
     let page = std::fs::read_to_string(workshop.path("demo/report/report.html")).unwrap();
     assert!(page.contains("data:image/png;base64,"), "its best episode, in pictures");
 }
