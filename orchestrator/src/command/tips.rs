@@ -331,7 +331,9 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
             let (first, last) = (key.trim().split('.').next()?, key.trim().rsplit('.').next()?);
             // A value that is wrong is no key of another program.
             let Err(SettingError::UnknownKey { nearest, .. }) = setting.parse::<Setting>() else { return None };
-            let theirs = ours("up", last).or_else(|| ours("up", first));
+            let is_unknown =
+                |key: &str| matches!(format!("{key}=0").parse::<Setting>(), Err(SettingError::UnknownKey { .. }));
+            let theirs = ours("up", last).or_else(|| ours("up", first).filter(|_| is_unknown(first)));
             theirs.or_else(|| nearest.is_none().then(|| ALL_KEYS.to_owned()))
         }),
         _ => None,
@@ -492,6 +494,7 @@ mod tests {
             ),
             (&["up", "--ppo.clip=0.2"], "tip: here it is `--set ppo.clip=VALUE`"),
             (&["up", "--set", "curriculum=none"], "tip: `orchestrator config` prints all keys"),
+            (&["up", "--set", "checkpoint.every_frames=8"], "tip: `orchestrator config` prints all keys"),
             (&["logs", "a", "--level", "warn"], "tip: here every line has its level"),
         ] {
             let error = answer(words);
