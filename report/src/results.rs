@@ -83,8 +83,7 @@ impl FieldResult {
     /// Of a group; with the names of runs that have no evaluation in the field. `limits`: of the task's first curve, instead
     /// of its own.
     pub(crate) fn of(group: &Group<'_>, field: Field, limits: Option<&[f32]>) -> Result<(Self, Vec<String>), Missing> {
-        let evaluated: Vec<(&Run, &Evaluated)> =
-            group.runs.iter().filter_map(|run| Some((*run, run.evaluation_in(field)?))).collect();
+        let evaluated = alike(&group.runs, field);
         if evaluated.is_empty() {
             return Err(Missing::NotEvaluated);
         }
@@ -207,6 +206,29 @@ impl ActionShares {
         }
         sum
     }
+}
+
+/// Of each run with an evaluation in the field that of its newest weights: on the most episodes that all have in common,
+/// or, where no evaluations are of the same episodes, on the most.
+fn alike<'a>(runs: &[&'a Run], field: Field) -> Vec<(&'a Run, &'a Evaluated)> {
+    let ranked = runs.iter().map(|run| (*run, run.ranked_in(field))).filter(|(_, ranked)| !ranked.is_empty());
+    let ranked: Vec<(&Run, Vec<&Evaluated>)> = ranked
+        .map(|(run, mut ranked)| {
+            let newest = ranked[0].result.subject.frames;
+            ranked.retain(|evaluated| evaluated.result.subject.frames == newest);
+            (run, ranked)
+        })
+        .collect();
+    let episodes = |evaluated: &Evaluated| -> BTreeSet<(KitchenId, u32)> {
+        evaluated.episodes_in(field).map(|record| (record.kitchen, record.episode)).collect()
+    };
+    let same_as = |one: &&Evaluated| {
+        let wanted = episodes(one);
+        let same = |ranked: &[&'a Evaluated]| ranked.iter().copied().find(|other| episodes(other) == wanted);
+        ranked.iter().map(|(run, ranked)| Some((*run, same(ranked)?))).collect::<Option<Vec<_>>>()
+    };
+    let shared = ranked.first().and_then(|(_, first)| first.iter().find_map(same_as));
+    shared.unwrap_or_else(|| ranked.iter().map(|(run, ranked)| (*run, ranked[0])).collect())
 }
 
 fn same_kitchens(evaluated: &[(&Run, &Evaluated)], by_seed: &[Vec<&EpisodeRecord>]) -> Result<Vec<KitchenId>, Missing> {

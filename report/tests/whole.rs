@@ -172,11 +172,18 @@ fn seeds_that_were_evaluated_on_different_episodes_are_not_averaged() {
     let mut short = run("demo", 2, (0.5, 0.5));
     short.evaluations.truncate(1);
     short.evaluations[0].episodes.truncate(300);
-    let report = made(&[run("demo", 1, (0.5, 0.5)), short]);
+    let (mut long, few) = (run("demo", 1, (0.5, 0.5)), short.evaluations[0].clone());
+    let report = made(&[long.clone(), short.clone()]);
     assert!(report.notes.iter().any(|note| note.contains("seeds are compared on the same episodes only")));
     let fields: Vec<&str> = report.groups[0].results.iter().map(|result| result.field.as_str()).collect();
     assert_eq!(fields, ["test-seen", "validation-novel"]);
     assert!(report.notes.iter().any(|note| note.contains("and therefore not in its means: runs/demo-2")));
+
+    // Both have these, though one has more.
+    long.evaluations.push(few);
+    let report = made(&[long, short]);
+    let found = report.groups[0].results.iter().find(|result| result.field == "test-novel").expect("it is compared");
+    assert_eq!(found.seeds.iter().map(|seed| seed.episodes).collect::<Vec<_>>(), [300, 300]);
 }
 
 #[test]

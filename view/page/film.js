@@ -59,10 +59,11 @@ class Recorded {
     this.recorder.ondataavailable = ({ data }) => this.chunks.push(data);
     this.ended = new Promise((resolve) => { this.recorder.onstop = resolve; });
     this.type = type;
-    this.recorder.start();
   }
 
   async take(seconds) {
+    // It begins with what the canvas has then.
+    if (this.recorder.state === "inactive") this.recorder.start();
     this.stream.getVideoTracks()[0].requestFrame();
     await new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
   }

@@ -106,7 +106,7 @@ function results({ results: { heads, rows, intervals, figures: further }, card }
   const cell = (text) => h("td", { class: "number" }, text.replace(/^-/, "−"));
   return h("section", { class: "card" }, h("h2", {}, "Results"),
     h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Results" },
-      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head.replace(/^length$/, "steps"))))),
+      h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head)))),
       h("tbody", {}, rows.map((one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes)), one.cells.map(cell)))))),
     intervals.map((sentence) => h("p", { class: "small" }, sentence)),
     h("dl", { class: "figures further" }, further.map(([name, value, doc]) => h("div", { title: doc }, h("dt", {}, name), h("dd", {}, value)))));

@@ -73,6 +73,17 @@ impl Canvas {
         at
     }
 
+    /// The same, smaller where it would end beyond the right edge.
+    pub fn text_within(&mut self, text: &str, height_px: f32, x: f32, y: f32, colour: Rgb) {
+        let font = font();
+        let scaled = font.as_scaled(PxScale::from(height_px));
+        let ids: Vec<_> = text.chars().map(|letter| scaled.glyph_id(letter)).collect();
+        let kerns: f32 = ids.windows(2).map(|two| scaled.kern(two[0], two[1])).sum();
+        let width = ids.iter().map(|&id| scaled.h_advance(id)).sum::<f32>() + kerns;
+        let room = self.width as f32 - 2.0 * x;
+        self.text(text, height_px * (room / width).min(1.0), x, y, colour);
+    }
+
     pub fn write_png(&self, path: &Path) -> Result<(), PictureError> {
         let file = std::fs::File::create(path).map_err(png::EncodingError::from);
         file.and_then(|file| self.encode(BufWriter::new(file), png::Compression::High))

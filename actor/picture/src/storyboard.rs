@@ -87,7 +87,7 @@ fn write(canvas: &mut Canvas, side: usize, task: &Task, captions: &Captions) {
     for (remark, is_good) in &captions.remarks {
         end = canvas.text(remark, text_px, end + 0.8 * text_px, line(2.0), if *is_good { GOOD } else { BAD });
     }
-    canvas.text(&captions.measures, text_px, left, line(3.0), FAINT);
+    canvas.text_within(&captions.measures, text_px, left, line(3.0), FAINT);
     // What the colours in the views stand for.
     let (mut at, small_px) = (left, 0.8 * text_px);
     let signs = [
@@ -204,5 +204,10 @@ mod tests {
         assert!(has(&canvas, &[TARGET, GOAL]), "does not explain its colours");
         let below = &canvas.pixels[(height - 448) * width..];
         assert!(below.iter().all(|pixel| *pixel == PAPER), "captions reach into the views");
+        let mut long = Canvas::new(width, height, PAPER);
+        let captions = Captions { measures: "goal 1.00 m, ".repeat(20), ..Captions::default() };
+        write(&mut long, 448, &task, &captions);
+        let at_the_edge = long.pixels.chunks_exact(width).flat_map(|row| &row[width - 4..]);
+        assert!(at_the_edge.copied().all(|pixel| pixel == PAPER), "what is long ends before the edge");
     }
 }

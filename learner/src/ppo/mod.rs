@@ -51,6 +51,7 @@ use moments::RewardScale;
 use proto::config::{AuxiliaryConfig, PpoConfig, Shuffle};
 use proto::metric;
 pub(crate) use recorded::PassGraphs;
+use recorded::Passed;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use tch::Tensor;
@@ -252,8 +253,11 @@ impl<'a> Update<'a> {
             let mut gradient = weights.zeros_like();
             while let Some((chunk, queries)) = chunks.next_if(|(chunk, _)| chunk.shard == shard) {
                 let mut graphs = self.graphs.map(RefCell::borrow_mut);
-                let recorded = graphs.as_mut().and_then(|graphs| graphs.pass(self, chunk, &coefficients));
-                if let Some((part, scalars)) = recorded {
+                let of = (self.rollout, self.rollout_number);
+                let recorded = graphs.as_mut().and_then(|graphs| {
+                    graphs.pass(of, chunk, &coefficients, |chunk, coefficients| self.plain_pass(chunk, coefficients))
+                });
+                if let Some(Passed { gradient: part, scalars }) = recorded {
                     let _ = gradient.g_add_(part);
                     step.add_pass(shard, scalars, &[]);
                     continue;
@@ -276,6 +280,13 @@ impl<'a> Update<'a> {
             gradient
         };
         Ok((gradient, step))
+    }
+
+    /// A pass of a network without auxiliary task.
+    fn plain_pass(&self, chunk: &Chunk, coefficients: &Coefficients) -> Passed {
+        let Loss { total, embedded, scalars, counted: _ } = self.loss(chunk, &[], 0, coefficients);
+        let gradient = self.network.gradient_of(&total, embedded);
+        Passed { gradient, scalars: scalars.map(|scalar| scalar.detach()) }
     }
 
     /// Forward pass and loss of a chunk: its part of the minibatch's mean. The backward pass needs the embedding, too.

@@ -8,9 +8,9 @@
 use super::loss::Coefficients;
 use super::metrics::SCALARS;
 use super::minibatch::Chunk;
-use super::{Loss, Update};
 use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
 use crate::ffi::stream::Priority;
+use crate::rollout::Rollout;
 use crate::sizes::{Due, Sizes};
 use std::collections::BTreeMap;
 use tch::Tensor;
@@ -28,30 +28,38 @@ pub(crate) struct PassGraphs {
     refused: bool,
 }
 
+/// What a pass over a chunk gives.
+#[derive(Debug)]
+pub(super) struct Passed {
+    /// Of the chunk's part of the loss, \[W\].
+    pub gradient: Tensor,
+    pub scalars: [Tensor; SCALARS.len()],
+}
+
 /// A pass with what it reads and writes, besides the weights.
 #[derive(Debug)]
 struct Recorded {
     graph: Graph,
     chunk: Chunk,
     coefficients: Coefficients,
-    gradient: Tensor,
-    scalars: [Tensor; SCALARS.len()],
+    pass: Passed,
 }
 
 impl PassGraphs {
-    /// Gradient of a chunk's part of the loss, and its scalars; none where the pass is not recorded. They hold until the
-    /// next one.
+    /// What `compute` gives for a chunk of a rollout, in the update of this number; none where that is not recorded. It
+    /// holds until the next one.
     pub(super) fn pass(
         &mut self,
-        update: &Update,
+        (rollout, update): (&Rollout, u64),
         chunk: &Chunk,
         coefficients: &Coefficients,
-    ) -> Option<(&Tensor, &[Tensor; SCALARS.len()])> {
+        compute: impl Fn(&Chunk, &Coefficients) -> Passed,
+    ) -> Option<&Passed> {
         let rows = chunk.packing.rows.len() as i64;
         if !self.refused
-            && let Some(due) = self.sizes.count(rows, update.rollout_number)
+            && let Some(due) = self.sizes.count(rows, update)
         {
-            match self.record(update, chunk, coefficients, due) {
+            match self.record((chunk.copy(rollout), coefficients.copy()), due, compute) {
                 Ok(recorded) => {
                     self.recorded.insert(rows, recorded);
                 }
@@ -61,15 +69,14 @@ impl PassGraphs {
                 }
             }
         }
-        let Recorded { graph, chunk: place, coefficients: numbers, gradient, scalars } =
-            self.recorded.get_mut(&rows)?;
+        let Recorded { graph, chunk: place, coefficients: numbers, pass } = self.recorded.get_mut(&rows)?;
         tch::no_grad(|| {
-            place.take(chunk, update.rollout);
+            place.take(chunk, rollout);
             numbers.tensor().shallow_clone().copy_(coefficients.tensor());
         });
         // As in tch: a device that fails in the middle of a pass ends the process.
         graph.replay().unwrap_or_else(|error| panic!("{error}"));
-        Some((gradient, scalars))
+        Some(pass)
     }
 
     /// Whether a pass was one of those that were recorded.
@@ -80,10 +87,9 @@ impl PassGraphs {
 
     fn record(
         &mut self,
-        update: &Update,
-        chunk: &Chunk,
-        coefficients: &Coefficients,
+        (chunk, coefficients): (Chunk, Coefficients),
         due: Due,
+        compute: impl Fn(&Chunk, &Coefficients) -> Passed,
     ) -> Result<Recorded, GraphError> {
         // A graph's kernels have the priority of the stream that they were recorded on: acting goes first.
         let recorder = match &mut self.recorder {
@@ -95,12 +101,7 @@ impl PassGraphs {
             recorder.wait()?;
             self.recorded.remove(&dropped);
         }
-        let (chunk, coefficients) = (chunk.copy(update.rollout), coefficients.copy());
-        let (graph, (gradient, scalars)) = recorder.record(WARM_UPS, || {
-            let Loss { total, embedded, scalars, counted: _ } = update.loss(&chunk, &[], 0, &coefficients);
-            let gradient = update.network.gradient_of(&total, embedded);
-            Ok((gradient, scalars.map(|scalar| scalar.detach())))
-        })?;
-        Ok(Recorded { graph, chunk, coefficients, gradient, scalars })
+        let (graph, pass) = recorder.record(WARM_UPS, || Ok(compute(&chunk, &coefficients)))?;
+        Ok(Recorded { graph, chunk, coefficients, pass })
     }
 }

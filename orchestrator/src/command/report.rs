@@ -6,6 +6,7 @@ use crate::run::identity::no_folder;
 use crate::suite;
 use crate::wrong::{demand, judged};
 use anyhow::Result;
+use proto::shell::quoted;
 use report::{Options, Report};
 use std::path::{Path, PathBuf};
 
@@ -78,6 +79,9 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         if runs > 1 || evaluated == 0 {
             let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));
             terminal::out(&format!("{runs} in {groups}; groups evaluated: {evaluated}"));
+        }
+        if let ([run, ..], 0) = (&args.runs[..], evaluated) {
+            terminal::out(&format!("`orchestrator eval {}` makes an evaluation", quoted(run)));
         }
         terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
         terminal::out(&format!("page: {}", out.join(PAGE).display()));

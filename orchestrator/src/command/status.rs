@@ -3,6 +3,7 @@
 use super::list::{self, EVALUATIONS};
 use crate::environment::growing;
 use crate::evaluation::progress::Progress;
+use crate::evaluation::text::conditions;
 use crate::output::format;
 use crate::output::terminal;
 use crate::run::identity::{Identity, Incarnation};
@@ -29,7 +30,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use view::data::{Card, Runs};
 
-/// Show how a run or an evaluation stands
+/// Show how a run, an evaluation or a suite stands
 ///
 /// Lists a run's evaluations, too, and says what keeps a run from going on: processes that are stopped, and how long ago
 /// the last rollout was trained if that is unusually long.
@@ -41,7 +42,7 @@ use view::data::{Card, Runs};
   orchestrator status runs/20261121-020423-demo-1
   orchestrator status --json RUN | jq .recent.frames_per_s")]
 pub struct StatusArgs {
-    /// Run folder, or that of an evaluation
+    /// Run folder, or that of an evaluation or of a suite
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Print one JSON object
@@ -63,6 +64,17 @@ struct Status {
     work: Work,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     evaluations: Vec<Card>,
+}
+
+#[derive(Debug, Serialize)]
+struct SuiteStatus<'a> {
+    folder: &'a Path,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    standing: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    problem: Option<String>,
+    /// Those that were begun, and evaluations, the newest first: as `list --json` has them.
+    runs: Vec<Card>,
 }
 
 #[derive(Debug, Serialize)]
@@ -150,7 +162,12 @@ impl Work {
                 lines.extend(restarts.iter().cloned());
                 lines.extend(growth.iter().map(|(actor, growth)| format!("{actor}: {growth}")));
                 if let Some(silent_s) = silent_s.filter(|&silent_s| silent_s as f64 > (3.0 * usual_s).max(10.0)) {
-                    lines.push(format!("no rollout for {silent_s} s (the last ones took {usual_s:.1} s each)"));
+                    let usual = if *usual_s > 0.0 {
+                        format!("no rollout for {silent_s} s (the last ones took {usual_s:.1} s each)")
+                    } else {
+                        format!("no rollout yet, {silent_s} s after the start")
+                    };
+                    lines.push(usual);
                 }
                 lines.extend(notes.iter().map(|note| format!("note: {note}")));
                 lines
@@ -161,7 +178,9 @@ impl Work {
                     None if goes_on => "none yet".to_owned(),
                     None => "none: an evaluation that was cut off is made anew, in another folder".to_owned(),
                 };
-                vec![evaluation.line(None, None), format!("result: {result}")]
+                let asked = config.evaluation.as_ref().map(|asked| conditions(config, asked));
+                let lines = [evaluation.line(None, None), format!("result: {result}")];
+                asked.into_iter().chain(lines).collect()
             }
         }
     }
@@ -186,12 +205,16 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
 }
 
 pub fn of_suite(root: &Path, json: bool) -> Result<()> {
-    let cards = RunReaders::once(vec![root.to_path_buf()]).list();
+    let runs = RunReaders::once(vec![root.to_path_buf()]).list();
+    let read = suite::Standing::read(root);
     if json {
-        terminal::out_json(&cards)?;
+        let standing = read.map(|standing| standing.counts()).map_err(|error| format!("{error:#}"));
+        let (standing, problem) = standing.map_or_else(|problem| (None, Some(problem)), |counts| (Some(counts), None));
+        terminal::out_json(&SuiteStatus { folder: root, standing, problem, runs })?;
         return Ok(());
     }
-    let standing = match suite::Standing::read(root) {
+    let cards = runs;
+    let standing = match read {
         Ok(standing) => standing,
         Err(error) => {
             terminal::note(&format!("{error:#}"));

@@ -39,7 +39,14 @@ impl Comparison {
         for (number, path) in paths.iter().enumerate() {
             ensure!(!paths[..number].contains(path), "{} is given twice", path.display());
             match column(&RunFolder::new(path)) {
-                Ok((config, figures)) => {
+                Ok((mut config, figures)) => {
+                    // A file is the same by whatever path.
+                    let asked = config.evaluation.as_mut().and_then(|asked| asked.checkpoint.as_mut());
+                    if let Some(checkpoint) = asked
+                        && let Ok(real) = std::fs::canonicalize(&*checkpoint)
+                    {
+                        *checkpoint = real.display().to_string();
+                    }
                     runs.push(path.display().to_string());
                     configs.push(config);
                     known.push(figures);

@@ -122,12 +122,21 @@ impl Run {
     /// frames; of that with sampled actions before the most probable ones, then the one with the most episodes, then
     /// the newest.
     pub(crate) fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
+        self.ranked_in(field).into_iter().next()
+    }
+
+    /// All of them, that which counts first.
+    pub(crate) fn ranked_in(&self, field: Field) -> Vec<&Evaluated> {
         let rank = |evaluated: &&Evaluated| {
             let sampled = !evaluated.result.conditions.deterministic;
             let frames = evaluated.result.subject.frames;
             (frames, sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
         };
-        self.evaluations_in(field).max_by_key(rank)
+        let mut ranked: Vec<&Evaluated> = self.evaluations_in(field).collect();
+        // The last of equals first.
+        ranked.sort_by_key(rank);
+        ranked.reverse();
+        ranked
     }
 
     pub(crate) fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {

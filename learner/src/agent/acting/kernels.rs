@@ -1,9 +1,9 @@
 //! Acting by kernels: from frames in the actors' shared memory, which the GPU reads itself, to sampled actions in the
 //! host's.
 
+use super::batch::{Policy, Rows};
 use super::graphs::StepGraphs;
 use super::inputs::{Inputs, There};
-use super::{Policy, Rows};
 use crate::agent::sampling::{Sampled, forbid, normalize, sample};
 use crate::ffi::branches::Branches;
 use crate::ffi::graph::GraphError;

@@ -5,66 +5,27 @@
 //! Networks with an encoder in kernels of our own act by kernels from end to end (`kernels.rs`), all others by libtorch's
 //! operations (`operations.rs`).
 
+mod batch;
 mod graphs;
 mod inputs;
 mod kernels;
 mod operations;
 
+pub(super) use batch::{Policy, Rows};
 pub(super) use kernels::parts_are_alike;
 
 use super::sampling::Sampled;
 use crate::ffi::graph::GraphError;
-use crate::network::{Kept, Network};
-use crate::rollout::Step;
-use graphs::{Left, StepGraphs};
+use crate::network::Network;
+use graphs::StepGraphs;
 use kernels::ByKernels;
 use operations::ByOperations;
-use proto::camera::DepthFrame;
-use proto::task::ActionHead;
-use tch::{Device, Tensor};
+use tch::Device;
 
 #[derive(Debug)]
 pub(super) enum Acting {
     Kernels(ByKernels),
     Operations(ByOperations),
-}
-
-/// What acts, and what it leaves its work in.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Policy<'a> {
-    pub network: &'a Network,
-    pub head: &'a ActionHead,
-    /// The table \[columns + 1, state\]. What is not to be kept goes to its last row, and to that of the store.
-    pub beliefs: &'a Tensor,
-    /// The rollout's observations.
-    pub store: &'a Kept,
-}
-
-/// One step for all rows of a batch.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rows<'a> {
-    /// These, images and noise: as [`super::StepInput`] has them.
-    pub frames: &'a [DepthFrame<'a>],
-    pub images: &'a [u8],
-    pub noise: &'a [f32],
-    /// Rows of the store that get the observations.
-    pub places: &'a [i64],
-    /// Rows of the table of beliefs: where they are now, and where they go.
-    pub columns: &'a [i64],
-    pub beliefs_to: &'a [i64],
-    /// Numbers, previous actions, episode starts, masks.
-    pub steps: &'a [Step],
-}
-
-impl<'a> Policy<'a> {
-    fn left(self) -> Left<'a> {
-        Left { store: self.store, beliefs: self.beliefs }
-    }
-
-    /// Numbers that a policy leaves for each row: what an action is drawn from, and the value.
-    fn outputs(self) -> usize {
-        self.head.outputs() * if self.head.is_gaussian() { 2 } else { 1 } + 1
-    }
 }
 
 impl Acting {

@@ -1,9 +1,9 @@
 //! Acting by libtorch's operations, one graph for all of them: launched one by one, those of a small network take the host
 //! ten times as long as they take the GPU.
 
+use super::batch::{Policy, Rows};
 use super::graphs::StepGraphs;
 use super::inputs::{Inputs, There};
-use super::{Policy, Rows};
 use crate::agent::sampling::{Sampled, sample};
 use crate::ffi::graph::GraphError;
 use crate::ffi::kernels::ScatterKernel;
