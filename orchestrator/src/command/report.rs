@@ -80,7 +80,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
             let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));
             terminal::out(&format!("{runs} in {groups}; groups evaluated: {evaluated}"));
         }
-        if let ([run, ..], 0) = (&args.runs[..], evaluated) {
+        if let (Some(run), 0) = (given.iter().find(|run| !suite::is_suite(run)), evaluated) {
             terminal::out(&format!("`orchestrator eval {}` makes an evaluation", quoted(run)));
         }
         terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
