@@ -410,7 +410,7 @@ class Page {
     };
     return section("runs", "Runs and evaluations", table(["run", ...(this.seeds ? ["group"] : []), "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
       this.results.length ? [h("h3", {}, "The evaluations that count"),
-        says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest.", this.hasRates ? " Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds." : null),
+        says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest; of several seeds one on the same episodes as the others, where there is one.", this.hasRates ? " Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds." : null),
         this.byTask(this.results).map(counting)] : null);
   }
 }

@@ -162,12 +162,11 @@ impl Work {
                 lines.extend(restarts.iter().cloned());
                 lines.extend(growth.iter().map(|(actor, growth)| format!("{actor}: {growth}")));
                 if let Some(silent_s) = silent_s.filter(|&silent_s| silent_s as f64 > (3.0 * usual_s).max(10.0)) {
-                    let usual = if *usual_s > 0.0 {
+                    lines.push(if *usual_s > 0.0 {
                         format!("no rollout for {silent_s} s (the last ones took {usual_s:.1} s each)")
                     } else {
                         format!("no rollout yet, {silent_s} s after the start")
-                    };
-                    lines.push(usual);
+                    });
                 }
                 lines.extend(notes.iter().map(|note| format!("note: {note}")));
                 lines
@@ -205,15 +204,16 @@ fn stopped_line(process: &Stopped, holder: u32) -> String {
 }
 
 pub fn of_suite(root: &Path, json: bool) -> Result<()> {
-    let runs = RunReaders::once(vec![root.to_path_buf()]).list();
+    let cards = RunReaders::once(vec![root.to_path_buf()]).list();
     let read = suite::Standing::read(root);
     if json {
-        let standing = read.map(|standing| standing.counts()).map_err(|error| format!("{error:#}"));
-        let (standing, problem) = standing.map_or_else(|problem| (None, Some(problem)), |counts| (Some(counts), None));
-        terminal::out_json(&SuiteStatus { folder: root, standing, problem, runs })?;
+        let (standing, problem) = match &read {
+            Ok(standing) => (Some(standing.counts()), None),
+            Err(error) => (None, Some(format!("{error:#}"))),
+        };
+        terminal::out_json(&SuiteStatus { folder: root, standing, problem, runs: cards })?;
         return Ok(());
     }
-    let cards = runs;
     let standing = match read {
         Ok(standing) => standing,
         Err(error) => {

@@ -52,8 +52,8 @@ impl StepGraphs {
         Ok(Self { recorder, streams: Streams::open()?, prepared: vec![], refused: false, device })
     }
 
-    /// Takes a step, and waits for it. `launch` launches its kernels on this thread's stream: they read the inputs, and
-    /// write what is returned, `words` numbers a row, to its second argument, besides what they leave.
+    /// Takes a step, and waits for it. `launch` is given the inputs on the device and an output \[rows, words\] in pinned
+    /// memory, whose numbers are returned. It launches the step's kernels on this thread's stream.
     pub fn step(
         &mut self,
         left: Left,

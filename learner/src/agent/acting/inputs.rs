@@ -11,7 +11,7 @@ use tch::{Kind, Tensor};
 pub(super) struct Inputs<'a> {
     /// Where kernels find the frames; none where they are elsewhere.
     pub addresses: &'a [i64],
-    /// As [`crate::agent::StepInput`] has it, and so are masks and noise. They are empty where the host chooses.
+    /// These, masks and noise: as [`crate::agent::StepInput`] has them. Masks and noise that the host applies are left out.
     pub images: &'a [u8],
     pub masks: &'a [bool],
     pub noise: &'a [f32],
