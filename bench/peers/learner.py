@@ -74,6 +74,9 @@ def ours(options: argparse.Namespace, cuda_library: Path | None) -> dict:
     settings = ["ppo.minibatches=1"]
     if options.shape == "kitchen":
         settings += [f"network.encoder={options.encoder}", f"network.hidden={options.hidden}"]
+    if options.shape == "atari" and cuda_library:
+        # As the fastest of theirs.
+        settings += ["learner.encoder_precision=bfloat16"]
     preset = PRESETS[options.shape]
     command = [options.learner, "bench", "--device", device, "--preset", preset, "--json"]
     if options.shape != "kitchen":

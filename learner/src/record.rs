@@ -32,11 +32,6 @@ impl Inputs {
         self.observations.width()
     }
 
-    /// Bytes of its images beside a frame.
-    pub fn image_bytes(&self) -> usize {
-        self.observations.image_bytes()
-    }
-
     pub fn read(&self, record: &[u8], numbers: &mut Vec<f32>) {
         self.observations.read(record, numbers);
     }
@@ -78,8 +73,6 @@ pub struct Frame {
     images: Arc<[proto::task::Image]>,
     /// Bits of [`RecordHeader::bulk`] that those of whole numbers have.
     images_bits: u32,
-    /// Bytes of a row of them.
-    images_bytes: usize,
     record_lines: usize,
     small_lines: usize,
 }
@@ -110,7 +103,6 @@ impl Frame {
         Self {
             image,
             images_bits,
-            images_bytes: inputs.image_bytes(),
             images: inputs.images.into(),
             record_lines: layout.bytes / LINE_BYTES,
             small_lines: layout.small_bytes / LINE_BYTES,
@@ -133,17 +125,14 @@ impl Frame {
         self.image.map(|image| image.read(record, image.part(header).unwrap_or(FramePart::Whole)))
     }
 
-    /// Appends a row of the images but the frame. `small` is the beginning of the record as it was checked: images of whole
+    /// The images but the frame, where they lie. `small` is the beginning of the record as it was checked: images of whole
     /// numbers, of which any are sound, lie behind it.
-    pub fn images(&self, small: &[u8], record: &[u8], row: &mut Vec<u8>) {
-        let begin = row.len();
-        for image in &*self.images {
+    pub fn images<'a>(&self, small: &'a [u8], record: &'a [u8]) -> impl Iterator<Item = &'a [u8]> {
+        self.images.iter().map(move |image| {
             let bytes = image.field.range();
             let checked = if bytes.end <= small.len() { small } else { record };
-            row.resize(begin + image.begin, 0);
-            row.extend_from_slice(&checked[bytes]);
-        }
-        row.resize(begin + self.images_bytes, 0);
+            &checked[bytes]
+        })
     }
 }
 
@@ -199,7 +188,7 @@ mod tests {
 
     /// Images of `f32` were copied and checked; images of whole numbers lie where they came.
     #[test]
-    fn a_row_of_images_has_each_from_where_it_is_sound() {
+    fn images_are_taken_from_where_they_are_sound() {
         let task = Spec::declare(include_str!("../tests/support/images.toml")).expect("a sound task");
         let config = Config::resolve_with("gym", Some(("task = \"images\"", "a test"))).expect("it fits");
         let (frame, layout) = (Frame::of(&config), task.layout());
@@ -211,9 +200,8 @@ mod tests {
         named(task, "depth").of_mut::<u16>(record).fill(0x0908);
         let mut small = record[..layout.small_bytes].to_vec();
         small[named(task, "heat").range()].fill(5);
-        let mut row = vec![1];
-        frame.images(&small, record, &mut row);
+        let images: Vec<&[u8]> = frame.images(&small, record).collect();
         let [depth, heat, screen] = [41 * 36, 2 * 45 * 36 * 4, 36 * 40 * 3];
-        assert_eq!(row, [vec![1], [8, 9].repeat(depth), vec![5; heat], vec![7; screen]].concat());
+        assert_eq!(images, [[8, 9].repeat(depth), vec![5; heat], vec![7; screen]]);
     }
 }

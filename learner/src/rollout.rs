@@ -1,7 +1,7 @@
 //! Observations, actions and outcomes of one rollout of T steps × N columns.
 //!
 //! Frames and images stay on the learner's device; the few numbers besides them lie on the host, row-major in (step,
-//! column), and go to the device once an update, in the order of a [`Packing`].
+//! column), and go to the device once an update ([`StepTable`]), where they are put into the order of a [`Packing`].
 
 use crate::device::upload;
 use crate::network::{Kept, Observations, Packing};
@@ -50,6 +50,20 @@ pub struct Outcome {
     /// Discounted sum of the episode's rewards up to this one, the newest undiscounted.
     pub discounted_return: f64,
     pub label: bool,
+}
+
+/// The steps of a rollout on a device, one row for each (step, column) as in its store. What was never stored is 0.
+#[derive(Debug)]
+pub(crate) struct StepTable {
+    /// f32 \[rows, numbers\].
+    pub numbers: Tensor,
+    /// i64 \[rows\].
+    pub previous_actions: Tensor,
+    /// As [`crate::ppo::loss::Experience`] has these.
+    pub actions: Tensor,
+    pub masks: Option<Tensor>,
+    pub log_probs: Tensor,
+    pub values: Tensor,
 }
 
 #[derive(Debug)]
@@ -201,30 +215,44 @@ impl Rollout {
         Packing::new(columns, |n| self.steps_of(n), |t, n| self.step(t, n).episode_start)
     }
 
-    /// The observations, in the order of a packing.
-    pub fn observations(&self, packing: &Packing) -> Observations {
-        let device = self.device();
-        let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
-        let of = |&(t, n): &(usize, usize)| &self.step(t, n).numbers[..];
-        let numbers: Vec<f32> = packing.rows.iter().flat_map(of).copied().collect();
-        // Of no rows there is no width to find.
-        let width = numbers.len().checked_div(rows.len()).unwrap_or(0);
-        let rows_there = upload(&rows, device);
-        Observations {
-            kept: self.kept.map(|part| part.index_select(0, &rows_there)),
-            numbers: upload(&numbers, device).view([rows.len() as i64, width as i64]),
-            previous_actions: self.gather(packing, |step| step.previous_action),
+    /// All steps, where its frames and images are.
+    pub(crate) fn table(&self) -> StepTable {
+        self.table_on(self.device())
+    }
+
+    fn table_on(&self, device: Device) -> StepTable {
+        let steps = self.steps.iter();
+        let width = steps.clone().map(|step| step.numbers.len()).max().unwrap_or(0);
+        let mut numbers = Vec::with_capacity(self.steps.len() * width);
+        for (end, step) in (1..).zip(&self.steps) {
+            numbers.extend_from_slice(&step.numbers);
+            numbers.resize(end * width, 0.0);
+        }
+        let of = |number: fn(&Step) -> f32| upload(&self.steps.iter().map(number).collect::<Vec<_>>(), device);
+        let previous_actions: Vec<i64> = steps.clone().map(|step| step.previous_action).collect();
+        StepTable {
+            numbers: upload(&numbers, device).view([self.steps.len() as i64, width as i64]),
+            previous_actions: upload(&previous_actions, device),
+            actions: actions_of(steps.clone(), device),
+            masks: masks_of(steps, device),
+            log_probs: of(|step| step.log_prob),
+            values: of(|step| step.value),
         }
     }
 
-    /// The actions taken, in the order of a packing: see [`crate::ppo::loss::Experience::actions`].
-    pub fn actions(&self, packing: &Packing) -> Tensor {
-        actions_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.device())
+    /// Rows of the store and of the table that a packing has, in its order: i64 on the device.
+    pub(crate) fn rows(&self, packing: &Packing) -> Tensor {
+        let rows: Vec<i64> = packing.rows.iter().map(|&(t, n)| self.index(t, n) as i64).collect();
+        upload(&rows, self.device())
     }
 
-    /// Which options could be chosen, in the order of a packing: see [`masks_of`].
-    pub fn masks(&self, packing: &Packing) -> Option<Tensor> {
-        masks_of(packing.rows.iter().map(|&(t, n)| self.step(t, n)), self.device())
+    /// The observations of some rows.
+    pub(crate) fn observations(&self, table: &StepTable, rows: &Tensor) -> Observations {
+        Observations {
+            kept: self.kept.map(|part| part.index_select(0, rows)),
+            numbers: table.numbers.index_select(0, rows),
+            previous_actions: table.previous_actions.index_select(0, rows),
+        }
     }
 
     /// One number a row, in the order of a packing, on the device.
@@ -241,32 +269,25 @@ impl Rollout {
             Tensor::from_slice(&values).view([-1, columns as i64])
         }
         let (steps, columns, side) = (&self.steps, self.columns, self.kept.frames.size()[1]);
-        // Of a row that was never stored there are none.
-        let width = steps.iter().map(|step| step.numbers.len()).max().unwrap_or(0);
-        let of =
-            |step: &Step| step.numbers.iter().copied().chain(std::iter::repeat(0.0)).take(width).collect::<Vec<_>>();
-        let numbers: Vec<f32> = steps.iter().flat_map(of).collect();
-        let numbers = Tensor::from_slice(&numbers).view([(steps.len() / columns) as i64, columns as i64, width as i64]);
+        let StepTable { numbers, previous_actions, actions, masks, log_probs, values } = self.table_on(Device::Cpu);
         let bootstrap: Vec<f32> = self.bootstrap.iter().map(|value| value.unwrap_or(f32::NAN)).collect();
         let Kept { frames, images } =
             self.kept.map(|part| part.narrow(0, 0, steps.len() as i64).to_device(Device::Cpu));
-        let actions = actions_of(steps.iter(), Device::Cpu);
-        let actions = actions.view([-1, columns as i64, actions.size()[1]]);
+        let size = [(steps.len() / columns) as i64, columns as i64];
+        let cells = |rows: &Tensor| rows.view([&size, &rows.size()[1..]].concat().as_slice());
         // One choice needs no dimension of its own.
-        let is_alone = actions.kind() == Kind::Int64 && actions.size()[2] == 1;
-        let actions = if is_alone { actions.squeeze_dim(2) } else { actions };
-        let masks = masks_of(steps.iter(), Device::Cpu)
-            .map(|masks| ("mask", masks.view([-1, columns as i64, masks.size()[1]])));
+        let is_alone = actions.kind() == Kind::Int64 && actions.size()[1] == 1;
+        let actions = if is_alone { actions.squeeze_dim(1) } else { actions };
         let mut tensors = BTreeMap::from([
-            ("frames", frames.view([(steps.len() / columns) as i64, columns as i64, side, side])),
-            ("images", images.view([(steps.len() / columns) as i64, columns as i64, images.size()[1]])),
+            ("frames", cells(&frames)),
+            ("images", cells(&images)),
             // What stands beside a frame is called the goal.
-            (if side == 0 { "numbers" } else { "goal" }, numbers),
-            ("previous_action", table(steps, columns, |step| step.previous_action)),
+            (if side == 0 { "numbers" } else { "goal" }, cells(&numbers)),
+            ("previous_action", cells(&previous_actions)),
             ("episode_start", table(steps, columns, |step| step.episode_start)),
-            ("action", actions),
-            ("log_prob", table(steps, columns, |step| step.log_prob)),
-            ("value", table(steps, columns, |step| step.value)),
+            ("action", cells(&actions)),
+            ("log_prob", cells(&log_probs)),
+            ("value", cells(&values)),
             ("reward", table(steps, columns, |step| step.reward)),
             ("discounted_return", table(steps, columns, |step| step.discounted_return)),
             ("ended", table(steps, columns, |step| step.ended)),
@@ -276,7 +297,7 @@ impl Rollout {
             ("recorded", Tensor::from_slice(&self.recorded).view([-1, columns as i64])),
             ("bootstrap", Tensor::from_slice(&bootstrap)),
         ]);
-        tensors.extend(masks);
+        tensors.extend(masks.map(|masks| ("mask", cells(&masks))));
         tensors
     }
 

@@ -6,7 +6,6 @@ use super::padding::padded;
 use super::sampling::{Sampled, sample};
 use super::step::{Inference, column_indices, pick};
 use super::{Agent, AgentError, StepInput, StepOutput};
-use crate::device::upload;
 use crate::network::{FramePreparation, Kept, Observations, coordinates, table_row, to_vec};
 use crate::rollout::{Step, masks_of};
 use tch::Tensor;
@@ -173,7 +172,7 @@ impl Agent {
         };
         let by_row = |tensor: Tensor| tensor.view([rows as i64, (tensor.numel() / rows) as i64]);
         let observations = Observations {
-            kept: Kept { frames, images: by_row(upload(images, self.device)) },
+            kept: Kept { frames, images: to_device(network.images().gather(images, rows)) },
             numbers: to_device(by_row(Tensor::from_slice(&numbers))),
             previous_actions: to_device(Tensor::from_slice(&previous_actions)),
         };

@@ -344,7 +344,7 @@ impl Agent {
 
     /// Device and precision as text: see [`device::describe`].
     pub fn device(&self) -> String {
-        device::describe(self.device, self.policy().is_fused())
+        device::describe(self.device, self.policy().is_in_bfloat16())
     }
 
     pub(crate) fn parameter_count(&self) -> u64 {

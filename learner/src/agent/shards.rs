@@ -48,7 +48,7 @@ fn parts<'a>(shards: &Shards, input: &StepInput<'a>) -> Vec<StepInput<'a>> {
     }
     let rows = input.columns.len();
     let [draws, width] = [input.gumbel, input.numbers].map(|numbers| numbers.len() / rows.max(1));
-    let [options, bytes] = [input.masks.len(), input.images.len()].map(|count| count / rows.max(1));
+    let [options, images] = [input.masks.len(), input.images.len()].map(|count| count / rows.max(1));
     let place = |column: usize| input.columns.partition_point(|&other| other < column);
     let of_shards = shards.columns().iter().map(|shard| place(shard.start)..place(shard.end));
     let of_shards = of_shards.filter(|rows| !rows.is_empty());
@@ -56,7 +56,7 @@ fn parts<'a>(shards: &Shards, input: &StepInput<'a>) -> Vec<StepInput<'a>> {
         .map(|rows| StepInput {
             columns: &input.columns[rows.clone()],
             frames: input.frames.get(rows.clone()).unwrap_or_default(),
-            images: &input.images[rows.start * bytes..rows.end * bytes],
+            images: &input.images[rows.start * images..rows.end * images],
             numbers: &input.numbers[rows.start * width..rows.end * width],
             previous_action: &input.previous_action[rows.clone()],
             episode_start: &input.episode_start[rows.clone()],
@@ -86,7 +86,7 @@ mod tests {
         let input = StepInput {
             columns: &columns,
             frames: &vec![DepthFrame::Whole(frame); rows],
-            images: &[1, 1, 4, 4, 5, 5],
+            images: &[&[1], &[1, 1], &[4], &[4, 4], &[5], &[5, 5]],
             numbers: &[1.0, 1.0, 4.0, 4.0, 5.0, 5.0],
             previous_action: &[1, 4, 5],
             episode_start: &[true, false, true],
@@ -104,7 +104,10 @@ mod tests {
         assert_eq!(parts.iter().map(|part| part.gumbel).collect::<Vec<_>>(), [&[0.0, 1.0][..], &[2.0, 3.0, 4.0, 5.0]]);
         assert_eq!(
             parts.iter().map(|part| (part.frames.len(), part.images, part.numbers)).collect::<Vec<_>>(),
-            [(1, &[1, 1][..], &[1.0, 1.0][..]), (2, &[4, 4, 5, 5], &[4.0, 4.0, 5.0, 5.0])]
+            [
+                (1, &[&[1][..], &[1, 1]][..], &[1.0, 1.0][..]),
+                (2, &[&[4], &[4, 4], &[5], &[5, 5]], &[4.0, 4.0, 5.0, 5.0])
+            ]
         );
         let whole = super::parts(&Shards::one(6), &StepInput { gumbel: &[], ..input });
         assert_eq!((whole.len(), whole[0].columns), (1, &columns[..]));

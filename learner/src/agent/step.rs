@@ -12,8 +12,8 @@ pub struct StepInput<'a> {
     pub columns: &'a [usize],
     /// Depth frames; may point into shared memory. None at all in a task without a frame.
     pub frames: &'a [DepthFrame<'a>],
-    /// Bytes of all other images, row-major: [`crate::network::Kept::images`].
-    pub images: &'a [u8],
+    /// Bytes of all other images, `columns.len() * images`, row-major; may point into shared memory, too.
+    pub images: &'a [&'a [u8]],
     /// The task's numbers, `columns.len() * numbers`, row-major: [`proto::task::Inputs::read`].
     pub numbers: &'a [f32],
     /// Index of the previous action; meaningless at an episode's first observation.
@@ -49,7 +49,7 @@ pub struct Batch<'a> {
     /// batch up, and nothing is kept of them.
     pub(crate) at: Vec<usize>,
     pub(crate) frames: Vec<DepthFrame<'a>>,
-    pub(crate) images: Vec<u8>,
+    pub(crate) images: Vec<&'a [u8]>,
     pub(crate) numbers: Vec<f32>,
     pub(crate) previous_action: Vec<u8>,
     pub(crate) episode_start: Vec<bool>,

@@ -43,7 +43,6 @@ pub struct Frames {
     draws: Noise,
     action: u8,
     numbers: usize,
-    image_bytes: usize,
     _ports: (ObservationSubscriber, Vec<ObservationPublisher>),
     _host: WireHost,
     _swept: Swept,
@@ -100,22 +99,10 @@ impl Frames {
         let map = ColumnMap::of(0, config);
         let (draws, action) = (Noise::of(&config.action_head()), config.policy_actions().pop().unwrap_or_default());
         let inputs = Inputs::of(config.spec());
-        let (numbers, image_bytes) = (inputs.width(), inputs.image_bytes());
+        let numbers = inputs.width();
         let ports = (subscriber, publishers);
         let (seed, frame) = (config.seed, Frame::of(config));
-        Ok(Self {
-            halves,
-            map,
-            frame,
-            seed,
-            draws,
-            action,
-            numbers,
-            image_bytes,
-            _ports: ports,
-            _host: host,
-            _swept: swept,
-        })
+        Ok(Self { halves, map, frame, seed, draws, action, numbers, _ports: ports, _host: host, _swept: swept })
     }
 
     /// Noise for one half's actions in a step: the collector draws it when an observation arrives.
@@ -138,9 +125,8 @@ impl Frames {
             })
         });
         let frames = frames.collect();
-        let mut images = Vec::with_capacity(columns.len() * self.image_bytes);
         let records = self.halves[half as usize].iter().flat_map(|sample| sample.payload().chunks_exact(record));
-        records.map(Line::bytes).for_each(|record| self.frame.images(&[], record, &mut images));
+        let images = records.flat_map(|record| self.frame.images(&[], Line::bytes(record))).collect();
         let number = |column: usize, index: usize| if index % 3 < 2 { 0.1 } else { (column % 7) as f32 * 0.3 };
         let numbers = columns.iter().flat_map(|&column| (0..self.numbers).map(move |index| number(column, index)));
         let numbers = numbers.collect();

@@ -64,8 +64,8 @@ pub trait HalfSample {
     fn has_frame(&self, i: usize) -> bool;
     /// None in a task without a frame.
     fn frame(&self, i: usize) -> Option<DepthFrame<'_>>;
-    /// Appends the row of record `i`'s other images, see [`crate::network::Kept::images`].
-    fn images(&self, i: usize, row: &mut Vec<u8>);
+    /// Record `i`'s other images, in the order of the task's.
+    fn images(&self, i: usize) -> impl Iterator<Item = &[u8]>;
 }
 
 /// The state of all environments between two rollouts: with weights and beliefs, all a run needs to go on.
@@ -406,7 +406,7 @@ impl<S: HalfSample> Collector<S> {
             columns: Vec::with_capacity(count),
             at: Vec::with_capacity(count),
             frames: Vec::with_capacity(count),
-            images: Vec::with_capacity(count * self.inputs.image_bytes()),
+            images: vec![],
             numbers: Vec::with_capacity(count * self.inputs.width()),
             previous_action: Vec::with_capacity(count),
             episode_start: Vec::with_capacity(count),
@@ -421,7 +421,7 @@ impl<S: HalfSample> Collector<S> {
                 batch.columns.push(column);
                 batch.at.push(lane.t);
                 batch.frames.extend(sample.frame(i));
-                sample.images(i, &mut batch.images);
+                batch.images.extend(sample.images(i));
                 self.inputs.read(record, &mut batch.numbers);
                 batch.previous_action.push(self.inputs.previous_action(record));
                 batch.episode_start.push(start);

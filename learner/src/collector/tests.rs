@@ -35,7 +35,9 @@ impl HalfSample for FakeSample {
     fn frame(&self, _i: usize) -> Option<DepthFrame<'_>> {
         Some(DepthFrame::Whole(&FRAME))
     }
-    fn images(&self, _i: usize, _row: &mut Vec<u8>) {}
+    fn images(&self, _i: usize) -> impl Iterator<Item = &[u8]> {
+        std::iter::empty()
+    }
 }
 
 impl FakeSample {

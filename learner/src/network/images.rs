@@ -3,8 +3,11 @@
 
 use super::encoder::Dqn;
 use super::parameters::{Layout, Parameters};
+use crate::ffi;
+use crate::ffi::kernels::channels_last;
 use proto::config::{Config, dqn};
 use proto::task::{Dtype, Image};
+use std::ops::Range;
 use tch::{Device, Kind, Tensor};
 
 /// What the names of their weights begin with, and in a batch of `learner probe` those of images.
@@ -15,6 +18,8 @@ pub(crate) struct Images {
     each: Vec<(Image, Dqn)>,
     /// Bytes of a row.
     bytes: i64,
+    /// What encoders compute in.
+    kind: Kind,
 }
 
 impl Images {
@@ -25,11 +30,20 @@ impl Images {
             let encoder = Dqn::new(layout, &format!("{PATH}{}", image.name), &image);
             (image, encoder)
         };
-        Self { each: inputs.images.into_iter().map(encoded).collect(), bytes }
+        Self { each: inputs.images.into_iter().map(encoded).collect(), bytes, kind: Kind::Float }
     }
 
     pub fn are_none(&self) -> bool {
         self.each.is_empty()
+    }
+
+    /// From now on encoders compute in bfloat16, on a GPU.
+    pub fn use_bfloat16(&mut self) {
+        self.kind = Kind::BFloat16;
+    }
+
+    pub fn are_in_bfloat16(&self) -> bool {
+        self.kind == Kind::BFloat16
     }
 
     pub fn outputs(&self) -> i64 {
@@ -40,9 +54,37 @@ impl Images {
         Tensor::zeros([rows, self.bytes], (Kind::Uint8, device))
     }
 
+    /// Whether any bytes are sound, so that they may be read from memory that others write to.
+    pub fn are_whole_numbers(&self) -> bool {
+        self.each.iter().all(|(image, _)| image.field.dtype != Dtype::F32)
+    }
+
+    /// Where each lies in a row.
+    pub fn places(&self) -> impl ExactSizeIterator<Item = Range<usize>> {
+        self.each.iter().map(|(image, _)| image.bytes())
+    }
+
+    /// Images of so many rows, row-major → rows of bytes on the CPU.
+    pub fn gather(&self, images: &[&[u8]], rows: usize) -> Tensor {
+        let mut gathered = self.store(rows as i64, Device::Cpu);
+        // SAFETY: the tensor was made above.
+        let bytes = unsafe { ffi::bytes_mut(&mut gathered) };
+        let rows = bytes.chunks_exact_mut(self.bytes.max(1) as usize);
+        for (row, images) in rows.zip(images.chunks_exact(self.each.len().max(1))) {
+            self.places().zip(images).for_each(|(place, image)| row[place].copy_from_slice(image));
+        }
+        gathered
+    }
+
     /// Rows of bytes \[rows, bytes\] → what each encoder makes of them, \[rows, 512\].
     pub fn forward(&self, parameters: &Parameters, rows: &Tensor) -> Vec<Tensor> {
-        self.each.iter().map(|(image, encoder)| encoder.forward(parameters, &input(image, rows))).collect()
+        let see = |(image, encoder): &(Image, Dqn)| {
+            let seen = input(image, rows).to_kind(self.kind);
+            // cuDNN's convolutions of bfloat16 take channels last.
+            let seen = if self.are_in_bfloat16() { channels_last(seen) } else { seen };
+            encoder.forward(parameters, &seen).to_kind(Kind::Float)
+        };
+        self.each.iter().map(see).collect()
     }
 
     pub fn names(&self) -> impl Iterator<Item = &str> {

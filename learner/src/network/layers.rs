@@ -28,9 +28,10 @@ impl Linear {
         Self::new(layout, path, [inputs, outputs], initial, initial)
     }
 
-    /// \[rows, inputs\] → \[rows, outputs\].
+    /// \[rows, inputs\] → \[rows, outputs\], in the kind of numbers that the input has.
     pub fn forward(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
-        x.linear(&parameters[self.weight], Some(&parameters[self.bias]))
+        let [weight, bias] = [self.weight, self.bias].map(|id| parameters[id].to_kind(x.kind()));
+        x.linear(&weight, Some(&bias))
     }
 }
 
@@ -88,14 +89,15 @@ impl Convolution {
         Self { as_products: true, ..self }
     }
 
-    /// \[rows, inputs, height, width\] → \[rows, outputs, height', width'\].
+    /// \[rows, inputs, height, width\] → \[rows, outputs, height', width'\], in the kind of numbers that the input has.
     pub fn forward(&self, parameters: &Parameters, x: &Tensor) -> Tensor {
-        let bias = self.bias.map(|id| &parameters[id]);
+        let of = |id| parameters[id].to_kind(x.kind());
+        let (weight, bias) = (of(self.weight), self.bias.map(of));
         if self.as_products && x.device() == Device::Cpu && is_reproducible() {
-            return convolution(x, &parameters[self.weight], bias, [self.stride, self.padding])
+            return convolution(x, &weight, bias.as_ref(), [self.stride, self.padding])
                 .expect("the layer was declared for maps of this many channels");
         }
-        x.conv2d(&parameters[self.weight], bias, [self.stride; 2], [self.padding; 2], [1; 2], 1)
+        x.conv2d(&weight, bias.as_ref(), [self.stride; 2], [self.padding; 2], [1; 2], 1)
     }
 }
 

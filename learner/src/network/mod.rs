@@ -227,28 +227,30 @@ impl Network {
         (network, declared)
     }
 
-    /// Selects bfloat16 for the encoder if the configuration demands it, or if it is `auto` and bfloat16 is available.
+    /// Selects bfloat16 for encoders if the configuration demands it, or if it is `auto` and there are kernels for it.
     pub(crate) fn choose_precision(&mut self, asked: EncoderPrecision) -> Result<(), PrecisionError> {
-        let possible = if !self.encoder().is_some_and(VisualEncoder::has_kernels) {
-            Err("only network.encoder \"resnet\" has kernels for it".to_owned())
-        } else if self.parameters.flat().device().is_cuda() {
-            Ok(())
-        } else {
-            Err("it needs a CUDA device".to_owned())
+        let is_cuda = self.parameters.flat().device().is_cuda();
+        let has_kernels = self.encoder().is_some_and(VisualEncoder::has_kernels);
+        let fuse = |network: &mut Self| match &mut network.embedding {
+            Embedding::Frame { encoder, .. } if has_kernels => encoder.fuse().map_err(|error| error.to_string()),
+            _ => Ok(()),
         };
-        let fused = |network: &mut Self| match &mut network.embedding {
-            Embedding::Frame { encoder, .. } => encoder.fuse().map_err(|error| error.to_string()),
-            Embedding::Numbers(_) => Ok(()),
-        };
-        match (asked, possible) {
-            (EncoderPrecision::Float32, _) | (EncoderPrecision::Auto, Err(_)) => Ok(()),
-            (EncoderPrecision::Auto, Ok(())) => {
-                if let Err(reason) = fused(self) {
+        match asked {
+            EncoderPrecision::Float32 => Ok(()),
+            EncoderPrecision::Auto => {
+                if let Err(reason) = if is_cuda { fuse(self) } else { Ok(()) } {
                     tracing::warn!("the encoder computes in float32, which takes longer: {reason}");
                 }
                 Ok(())
             }
-            (EncoderPrecision::Bfloat16, possible) => possible.and_then(|()| fused(self)).map_err(PrecisionError),
+            EncoderPrecision::Bfloat16 if !has_kernels && self.images.are_none() => {
+                Err(PrecisionError("only network.encoder \"resnet\" and images beside a frame have it".to_owned()))
+            }
+            EncoderPrecision::Bfloat16 if !is_cuda => Err(PrecisionError("it needs a CUDA device".to_owned())),
+            EncoderPrecision::Bfloat16 => {
+                self.images.use_bfloat16();
+                fuse(self).map_err(PrecisionError)
+            }
         }
     }
 
@@ -265,9 +267,14 @@ impl Network {
         }
     }
 
-    /// Whether the encoder computes in bfloat16.
+    /// Whether the frame's encoder computes by kernels of our own, in bfloat16.
     pub(crate) fn is_fused(&self) -> bool {
         self.kernels().is_some()
+    }
+
+    /// Whether an encoder computes in bfloat16.
+    pub(crate) fn is_in_bfloat16(&self) -> bool {
+        self.is_fused() || self.images.are_in_bfloat16()
     }
 
     /// The kernels of our own, where the encoder computes with them.

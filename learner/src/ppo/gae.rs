@@ -12,11 +12,13 @@
 //! `V(s_t)`, one step earlier, is used instead.
 
 use super::moments::RewardScale;
+use crate::device::upload;
 use crate::peers::{PeerError, Peers};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
 use proto::config::PpoConfig;
 use std::ops::Range;
+use tch::{Device, Tensor};
 
 /// Advantages and returns of a rollout, \[T, N\].
 #[derive(Debug, Clone, PartialEq)]
@@ -28,6 +30,11 @@ pub struct Targets {
 }
 
 impl Targets {
+    /// `A_t` of all columns and `R_t`, one row for each (step, column) of the rollout, on a device: f32 \[rows\].
+    pub(crate) fn to_device(&self, device: Device) -> [Tensor; 2] {
+        [&self.advantages, &self.returns].map(|numbers| upload(numbers, device))
+    }
+
     /// `A_t` of a column.
     pub fn advantage(&self, (t, column): (usize, usize)) -> f32 {
         self.advantages[t * self.columns + column]

@@ -3,13 +3,23 @@
 
 use super::gae::{self, Targets};
 use super::loss::Experience;
-use crate::device::upload;
 use crate::network::{Embedded, Network, Observations, Packing};
 use crate::peers::{PeerError, Peers};
-use crate::rollout::Rollout;
+use crate::rollout::{Rollout, StepTable};
 use crate::shards::Shards;
 use proto::random::{Key, Purpose};
 use std::ops::Range;
+use tch::Tensor;
+
+/// A rollout with its targets on its device, of which minibatches are parts.
+#[derive(Debug)]
+pub(crate) struct Whole<'a> {
+    rollout: &'a Rollout,
+    table: StepTable,
+    /// `A_t` and `R_t` of each row of the table.
+    advantages: Tensor,
+    returns: Tensor,
+}
 
 /// Rows of a minibatch that go through the network in one pass.
 #[derive(Debug)]
@@ -18,6 +28,8 @@ pub(crate) struct Chunk {
     pub shard: usize,
     /// Which (step, column) each row is.
     pub packing: Packing,
+    /// The same as rows of the rollout, i64 on the device.
+    rows: Tensor,
     /// What the loss compares the network's output with.
     pub experience: Experience,
     /// What was seen, where chunks outlast an epoch and nothing bounds the memory of a pass: then it is gathered once.
@@ -78,13 +90,17 @@ impl Deal {
             // Where there are several, one goes on where the last one ended: each may have fewer columns than there are
             // minibatches.
             let to = if shards.are_fixed() { first_column + columns.start } else { 0 };
-            let mut order: Vec<(u32, (usize, usize))> =
-                cells(columns.clone()).into_iter().map(|cell| (drawn(cell).stream().next_u32(), cell)).collect();
+            // By chance, then by place: as one number, which sorts several times as fast as three.
+            let place = |(t, column): (usize, usize)| (t * columns.end + column) as u64;
+            let ranked = |cell| u64::from(drawn(cell).stream().next_u32()) << 32 | place(cell);
+            let mut order: Vec<u64> = cells(columns.clone()).into_iter().map(ranked).collect();
             order.sort_unstable();
             for minibatch in &mut dealt {
                 minibatch.push((shard, vec![]));
             }
-            for (rank, (_, cell)) in order.into_iter().enumerate() {
+            for (rank, ranked) in order.into_iter().enumerate() {
+                let place = ranked as u32 as usize;
+                let cell = (place / columns.end, place % columns.end);
                 dealt[(to + rank) % minibatches as usize][shard].1.push(cell);
             }
         }
@@ -92,75 +108,74 @@ impl Deal {
     }
 }
 
+impl<'a> Whole<'a> {
+    pub(crate) fn new(rollout: &'a Rollout, targets: &Targets) -> Self {
+        let table = rollout.table();
+        let [advantages, returns] = targets.to_device(table.values.device());
+        Self { rollout, table, advantages, returns }
+    }
+
+    fn experience(&self, rows: &Tensor) -> Experience {
+        let Self { table: StepTable { actions, masks, log_probs, values, .. }, advantages, returns, .. } = self;
+        let of = |part: &Tensor| part.index_select(0, rows);
+        Experience {
+            actions: of(actions),
+            masks: masks.as_ref().map(of),
+            log_probs: of(log_probs),
+            values: of(values),
+            advantages: of(advantages),
+            returns: of(returns),
+        }
+    }
+
+    fn observations(&self, chunk: &Chunk) -> Observations {
+        self.rollout.observations(&self.table, &chunk.rows)
+    }
+}
+
 impl Chunk {
     /// Divides a minibatch, as its columns by shard, into chunks of at most so many columns; 0 = all of a shard in one.
-    pub(crate) fn divide(
-        rollout: &Rollout,
-        targets: &Targets,
-        minibatch: &[(usize, Vec<usize>)],
-        columns_each: u32,
-    ) -> Vec<Self> {
+    pub(crate) fn divide(whole: &Whole, minibatch: &[(usize, Vec<usize>)], columns_each: u32) -> Vec<Self> {
         let of = |(shard, columns): &(usize, Vec<usize>)| {
             // Otherwise passes are to bound memory.
-            let unbounded = columns_each == 0 || columns_each as usize >= rollout.columns();
-            Self::of_shard(rollout, targets, *shard, columns, (columns_each, unbounded))
+            let unbounded = columns_each == 0 || columns_each as usize >= whole.rollout.columns();
+            Self::of_shard(whole, *shard, columns, (columns_each, unbounded))
         };
         minibatch.iter().flat_map(of).collect()
     }
 
     /// The same of a minibatch of frames, in chunks of at most so many; 0 = all of a shard in one.
-    pub(crate) fn of_rows(
-        rollout: &Rollout,
-        targets: &Targets,
-        minibatch: Vec<(usize, Vec<(usize, usize)>)>,
-        rows_each: usize,
-    ) -> Vec<Self> {
+    pub(crate) fn of_rows(whole: &Whole, minibatch: Vec<(usize, Vec<(usize, usize)>)>, rows_each: usize) -> Vec<Self> {
         let dealt = minibatch.into_iter().filter(|(_, rows)| !rows.is_empty());
         let of = |(shard, rows): (usize, Vec<(usize, usize)>)| -> Vec<Self> {
             let width = if rows_each == 0 { rows.len() } else { rows_each };
             let packings = rows.chunks(width).map(|chunk| Packing::of_rows(chunk.to_vec()));
-            packings.map(|packing| Self::new(rollout, targets, shard, (packing, false))).collect()
+            packings.map(|packing| Self::new(whole, shard, (packing, false))).collect()
         };
         dealt.flat_map(of).collect()
     }
 
     /// `unbounded`: a pass has room for all columns.
-    fn of_shard(
-        rollout: &Rollout,
-        targets: &Targets,
-        shard: usize,
-        columns: &[usize],
-        (columns_each, unbounded): (u32, bool),
-    ) -> Vec<Self> {
+    fn of_shard(whole: &Whole, shard: usize, columns: &[usize], (columns_each, unbounded): (u32, bool)) -> Vec<Self> {
         let width = match columns_each {
             0 => columns.len(),
             width => width as usize,
         };
         columns
             .chunks(width.max(1))
-            .map(|chunk| rollout.packing(chunk.iter().copied()))
+            .map(|chunk| whole.rollout.packing(chunk.iter().copied()))
             // In a rollout of one step, columns that hold have no rows.
             .filter(|packing| !packing.rows.is_empty())
-            .map(|packing| Self::new(rollout, targets, shard, (packing, unbounded)))
+            .map(|packing| Self::new(whole, shard, (packing, unbounded)))
             .collect()
     }
 
-    fn new(rollout: &Rollout, targets: &Targets, shard: usize, (packing, unbounded): (Packing, bool)) -> Self {
-        let device = rollout.beliefs_at_start().device();
-        let target = |of: &dyn Fn((usize, usize)) -> f32| {
-            let values: Vec<f32> = packing.rows.iter().map(|&row| of(row)).collect();
-            upload(&values, device)
-        };
-        let experience = Experience {
-            actions: rollout.actions(&packing),
-            masks: rollout.masks(&packing),
-            log_probs: rollout.gather(&packing, |step| step.log_prob),
-            values: rollout.gather(&packing, |step| step.value),
-            advantages: target(&|row| targets.advantage(row)),
-            returns: target(&|row| targets.value_target(row)),
-        };
-        let observations = unbounded.then(|| rollout.observations(&packing));
-        Self { shard, packing, experience, observations }
+    fn new(whole: &Whole, shard: usize, (packing, unbounded): (Packing, bool)) -> Self {
+        let rows = whole.rollout.rows(&packing);
+        let experience = whole.experience(&rows);
+        let mut chunk = Self { shard, packing, rows, experience, observations: None };
+        chunk.observations = unbounded.then(|| whole.observations(&chunk));
+        chunk
     }
 
     /// Normalises the advantages of a minibatch: mean 0 and deviation 1 over the frames of all learners. 1e-8 is added to
@@ -183,28 +198,29 @@ impl Chunk {
     }
 
     /// A copy with observations of its own.
-    pub(super) fn copy(&self, rollout: &Rollout) -> Self {
-        let Self { shard, packing, experience, observations } = self;
-        let gathered = observations.is_none().then(|| rollout.observations(packing));
+    pub(super) fn copy(&self, whole: &Whole) -> Self {
+        let Self { shard, packing, rows, experience, observations } = self;
+        let gathered = observations.is_none().then(|| whole.observations(self));
         let observations = observations.as_ref().or(gathered.as_ref()).map(Observations::copy);
-        Self { shard: *shard, packing: packing.clone(), experience: experience.copy(), observations }
+        let experience = experience.copy();
+        Self { shard: *shard, packing: packing.clone(), rows: rows.copy(), experience, observations }
     }
 
     /// Takes another chunk's numbers in place of its own, which are as many. Panics unless it is a copy.
-    pub(super) fn take(&mut self, other: &Self, rollout: &Rollout) {
+    pub(super) fn take(&mut self, other: &Self, whole: &Whole) {
         let own = self.observations.as_ref().expect("a copy has observations");
         match &other.observations {
             Some(observations) => own.take(observations),
-            None => own.take(&rollout.observations(&other.packing)),
+            None => own.take(&whole.observations(other)),
         }
         self.experience.take(&other.experience);
     }
 
     /// Embeds its observations, to train with them in the update of this number: \[rows, width\].
-    pub(crate) fn embed<'a>(&self, network: &'a Network, rollout: &Rollout, update: u64) -> Embedded<'a> {
+    pub(crate) fn embed<'a>(&self, network: &'a Network, whole: &Whole, update: u64) -> Embedded<'a> {
         match &self.observations {
             Some(observations) => network.embed_to_train(observations, update),
-            None => network.embed_to_train(&rollout.observations(&self.packing), update),
+            None => network.embed_to_train(&whole.observations(self), update),
         }
     }
 }

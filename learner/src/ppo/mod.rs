@@ -46,7 +46,7 @@ use crate::rollout::Rollout;
 use crate::shards::Shards;
 use loss::{Coefficients, Terms, terms};
 use metrics::{SCALARS, StepMetrics, StepSums, UpdateSums, means};
-use minibatch::{Chunk, Deal};
+use minibatch::{Chunk, Deal, Whole};
 use moments::RewardScale;
 use proto::config::{AuxiliaryConfig, PpoConfig, Shuffle};
 use proto::metric;
@@ -144,6 +144,7 @@ impl<'a> Update<'a> {
     fn epochs(&self, weights: &mut Tensor, adam: &mut Adam, look: Look) -> Result<BTreeMap<String, f64>, UpdateError> {
         // Advantages and returns, [T, N].
         let targets = gae::estimate(self.rollout, self.ppo, self.reward_scale, self.shards, self.peers)?;
+        let whole = Whole::new(self.rollout, &targets);
         let shards = self.shards;
         let (mut minibatches, mut frames) = (vec![], vec![]);
         let mut sums = UpdateSums::default();
@@ -153,7 +154,7 @@ impl<'a> Update<'a> {
                 break;
             }
             if epoch == 0 || self.ppo.shuffle == Shuffle::Rows {
-                minibatches = self.minibatches(&targets, epoch);
+                minibatches = self.minibatches(&whole, epoch);
                 if self.ppo.normalize_advantages && self.ppo.normalize_by_minibatch {
                     for chunks in &mut minibatches {
                         Chunk::normalize(chunks, &targets, shards, self.peers)?;
@@ -172,7 +173,7 @@ impl<'a> Update<'a> {
                     continue;
                 }
                 // Forward, loss, backward, and the sum over learners: the gradient of the whole minibatch, [W].
-                let (mut gradient, step) = self.gradient(chunks, queries, Totals { frames, queries: asked })?;
+                let (mut gradient, step) = self.gradient(&whole, chunks, queries, Totals { frames, queries: asked })?;
 
                 // Clip. GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
                 let mut gradient_norm = norm(&gradient);
@@ -208,19 +209,19 @@ impl<'a> Update<'a> {
         Ok(means)
     }
 
-    fn minibatches(&self, targets: &gae::Targets, epoch: u32) -> Vec<Vec<Chunk>> {
+    fn minibatches(&self, whole: &Whole, epoch: u32) -> Vec<Vec<Chunk>> {
         let Self { ppo, rollout, shards, seed, first_column, .. } = *self;
         let deal = Deal { minibatches: ppo.minibatches, seed, rollout: self.rollout_number, first_column };
         match ppo.shuffle {
             Shuffle::Environments => {
                 let dealt = deal.columns(shards);
-                dealt.iter().map(|own| Chunk::divide(rollout, targets, own, ppo.environments_per_pass)).collect()
+                dealt.iter().map(|own| Chunk::divide(whole, own, ppo.environments_per_pass)).collect()
             }
             Shuffle::Rows => {
                 let dealt = deal.rows(shards, epoch, |column| rollout.steps_of(column));
                 // Not those of this rollout: of its last step a learner may have nothing.
                 let rows_each = ppo.environments_per_pass as usize * ppo.rollout_steps as usize;
-                dealt.into_iter().map(|own| Chunk::of_rows(rollout, targets, own, rows_each)).collect()
+                dealt.into_iter().map(|own| Chunk::of_rows(whole, own, rows_each)).collect()
             }
         }
     }
@@ -240,6 +241,7 @@ impl<'a> Update<'a> {
     /// learners, and this learner's part of the step's figures. Chunks come by shard; `queries` has a list for each.
     pub(crate) fn gradient(
         &self,
+        whole: &Whole,
         chunks: &[Chunk],
         queries: &[Vec<Query>],
         totals: Totals,
@@ -253,10 +255,9 @@ impl<'a> Update<'a> {
             let mut gradient = weights.zeros_like();
             while let Some((chunk, queries)) = chunks.next_if(|(chunk, _)| chunk.shard == shard) {
                 let mut graphs = self.graphs.map(RefCell::borrow_mut);
-                let of = (self.rollout, self.rollout_number);
-                let recorded = graphs.as_mut().and_then(|graphs| {
-                    graphs.pass(of, chunk, &coefficients, |chunk, coefficients| self.plain_pass(chunk, coefficients))
-                });
+                let of = (whole, self.rollout_number);
+                let pass = |chunk: &Chunk, coefficients: &Coefficients| self.plain_pass(whole, chunk, coefficients);
+                let recorded = graphs.as_mut().and_then(|graphs| graphs.pass(of, chunk, &coefficients, pass));
                 if let Some(Passed { gradient: part, scalars }) = recorded {
                     let _ = gradient.g_add_(part);
                     step.add_pass(shard, scalars, &[]);
@@ -264,7 +265,7 @@ impl<'a> Update<'a> {
                 }
                 // Forward and loss, then backward.
                 let Loss { total, embedded, scalars, counted } =
-                    self.loss(chunk, queries, totals.queries, &coefficients);
+                    self.loss(whole, chunk, (queries, totals.queries), &coefficients);
                 let _ = gradient.g_add_(&self.network.gradient_of(&total, embedded));
                 step.add_pass(shard, &scalars, &counted);
             }
@@ -283,20 +284,26 @@ impl<'a> Update<'a> {
     }
 
     /// A pass of a network without auxiliary task.
-    fn plain_pass(&self, chunk: &Chunk, coefficients: &Coefficients) -> Passed {
-        let Loss { total, embedded, scalars, counted: _ } = self.loss(chunk, &[], 0, coefficients);
+    fn plain_pass(&self, whole: &Whole, chunk: &Chunk, coefficients: &Coefficients) -> Passed {
+        let Loss { total, embedded, scalars, counted: _ } = self.loss(whole, chunk, (&[], 0), coefficients);
         let gradient = self.network.gradient_of(&total, embedded);
         Passed { gradient, scalars: scalars.map(|scalar| scalar.detach()) }
     }
 
     /// Forward pass and loss of a chunk: its part of the minibatch's mean. The backward pass needs the embedding, too.
     /// `all_queries`: of the minibatch, over all learners.
-    fn loss(&self, chunk: &Chunk, queries: &[Query], all_queries: u64, coefficients: &Coefficients) -> Loss<'a> {
+    fn loss(
+        &self,
+        whole: &Whole,
+        chunk: &Chunk,
+        (queries, all_queries): (&[Query], u64),
+        coefficients: &Coefficients,
+    ) -> Loss<'a> {
         let Self { network, rollout, ppo, .. } = *self;
         let Chunk { packing, experience, .. } = chunk;
 
         // Forward: embeddings [B, 512 for the frame and each image + 32 + 16] → beliefs [B, H] → the policy and values [B].
-        let embedded = chunk.embed(network, rollout, self.rollout_number);
+        let embedded = chunk.embed(network, whole, self.rollout_number);
         let beliefs = network.belief.unroll(&network.parameters, &embedded.rows, packing, rollout.beliefs_at_start());
         let output = network.actor_critic(&beliefs, embedded.privileged.as_ref(), experience.masks.as_ref());
 

@@ -7,10 +7,9 @@
 
 use super::loss::Coefficients;
 use super::metrics::SCALARS;
-use super::minibatch::Chunk;
+use super::minibatch::{Chunk, Whole};
 use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
 use crate::ffi::stream::Priority;
-use crate::rollout::Rollout;
 use crate::sizes::{Due, Sizes};
 use std::collections::BTreeMap;
 use tch::Tensor;
@@ -50,7 +49,7 @@ impl PassGraphs {
     /// holds until the next one.
     pub(super) fn pass(
         &mut self,
-        (rollout, update): (&Rollout, u64),
+        (whole, update): (&Whole, u64),
         chunk: &Chunk,
         coefficients: &Coefficients,
         compute: impl Fn(&Chunk, &Coefficients) -> Passed,
@@ -59,7 +58,7 @@ impl PassGraphs {
         if !self.refused
             && let Some(due) = self.sizes.count(rows, update)
         {
-            match self.record((chunk.copy(rollout), coefficients.copy()), due, compute) {
+            match self.record((chunk.copy(whole), coefficients.copy()), due, compute) {
                 Ok(recorded) => {
                     self.recorded.insert(rows, recorded);
                 }
@@ -71,7 +70,7 @@ impl PassGraphs {
         }
         let Recorded { graph, chunk: place, coefficients: numbers, pass } = self.recorded.get_mut(&rows)?;
         tch::no_grad(|| {
-            place.take(chunk, rollout);
+            place.take(chunk, whole);
             numbers.tensor().shallow_clone().copy_(coefficients.tensor());
         });
         // As in tch: a device that fails in the middle of a pass ends the process.

@@ -7,7 +7,7 @@ use crate::optimizer::norm;
 use crate::peers::Peers;
 use crate::ppo::gae::{self, Targets};
 use crate::ppo::metrics::{SCALARS, StepMetrics};
-use crate::ppo::minibatch::Chunk;
+use crate::ppo::minibatch::{Chunk, Whole};
 use crate::ppo::moments::RewardScale;
 use crate::ppo::{Totals, Update, UpdateError};
 use crate::rollout::Rollout;
@@ -53,7 +53,8 @@ pub(super) fn probe(
     let ppo = PpoConfig { normalize_by_minibatch: false, ..config.ppo };
     let targets = gae::estimate(rollout, &ppo, reward_scale, &shards, update.peers)?;
     let columns: Vec<usize> = (0..rollout.columns()).collect();
-    let chunks = Chunk::divide(rollout, &targets, &[(0, columns)], 0);
+    let whole = Whole::new(rollout, &targets);
+    let chunks = Chunk::divide(&whole, &[(0, columns)], 0);
     let packing = rollout.packing(0..rollout.columns());
     let cells = Cells { rollout, packing: &packing };
     let mut queries = auxiliary.queries(&[&packing], update.epoch(0), update.peers)?.pop().unwrap_or_default();
@@ -65,7 +66,7 @@ pub(super) fn probe(
         }
     }
     let totals = Totals { frames: rollout.shape().frames, queries: queries.len() as u64 };
-    let (gradient, step) = update.gradient(&chunks, std::slice::from_ref(&queries), totals)?;
+    let (gradient, step) = update.gradient(&whole, &chunks, std::slice::from_ref(&queries), totals)?;
     let metrics = step.read(&norm(&gradient), totals.queries, auxiliary, (&shards, update.peers))?;
 
     let mut tensors = cells.pass(network, &targets);
@@ -107,10 +108,12 @@ impl Cells<'_> {
     fn pass(&self, network: &Network, targets: &Targets) -> BTreeMap<String, Tensor> {
         let Self { rollout, packing } = self;
         let _no_grad = tch::no_grad_guard();
-        let observations = rollout.observations(packing);
+        let (table, rows) = (rollout.table(), rollout.rows(packing));
+        let observations = rollout.observations(&table, &rows);
         let embeddings = network.embed(&observations);
         let beliefs = network.belief.unroll(&network.parameters, &embeddings, packing, rollout.beliefs_at_start());
-        let (privileged, masks) = (network.privileged(&observations), rollout.masks(packing));
+        let (privileged, masks) =
+            (network.privileged(&observations), table.masks.map(|masks| masks.index_select(0, &rows)));
         let ActorCriticOutput { policy, values } = network.actor_critic(&beliefs, privileged.as_ref(), masks.as_ref());
         let last = (network.belief.state() > 0).then(|| self.last_states(network, &self.table(&embeddings)));
         let target = |of: &dyn Fn((usize, usize)) -> f32| {

@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments, mut output: impl Write) -> Result<()> {
         Auxiliary::new(&config.auxiliary, layout, Sizes { hidden, actions })
     });
     network.choose_precision(config.learner.encoder_precision)?;
-    tracing::info!("computes on {}", device::describe(device, network.is_fused()));
+    tracing::info!("computes on {}", device::describe(device, network.is_in_bfloat16()));
     network.parameters.load(&weights).map_err(|unfit| in_weights(unfit.into()))?;
     let batch = Batch::read(&read(&arguments.batch)?, &config, &network);
     let batch = batch.map_err(|cause| at(&arguments.batch, cause))?;

@@ -56,8 +56,8 @@ impl HalfSample for Sample {
     fn frame(&self, i: usize) -> Option<DepthFrame<'_>> {
         self.frame.read(self.whole(i), self.header(i))
     }
-    fn images(&self, i: usize, row: &mut Vec<u8>) {
-        self.frame.images(self.record(i), self.whole(i), row);
+    fn images(&self, i: usize) -> impl Iterator<Item = &[u8]> {
+        self.frame.images(self.record(i), self.whole(i))
     }
 }
 

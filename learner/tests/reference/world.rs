@@ -180,22 +180,17 @@ impl World {
         Ok(outputs)
     }
 
-    /// A row of images: noise in each.
-    fn images_of(&self, now: usize, n: usize) -> Vec<u8> {
-        let mut row = vec![];
-        for image in &self.images {
+    /// Noise in each image.
+    fn images_of(&self, now: usize, n: usize) -> impl Iterator<Item = Vec<u8>> {
+        self.images.iter().map(move |image| {
             let noise = noise_f32(&format!("{}.{now}.{n}", image.name), image.field.count);
-            row.resize(image.begin, 0);
+            let noise = noise.iter();
             match image.field.dtype {
-                Dtype::F32 => row.extend(noise.iter().flat_map(|number| number.to_ne_bytes())),
-                Dtype::U16 => {
-                    row.extend(noise.iter().flat_map(|number| (((number + 1.0) * 32767.0) as u16).to_ne_bytes()));
-                }
-                _ => row.extend(noise.iter().map(|number| ((number + 1.0) * 127.0) as u8)),
+                Dtype::F32 => noise.flat_map(|number| number.to_ne_bytes()).collect(),
+                Dtype::U16 => noise.flat_map(|number| (((number + 1.0) * 32767.0) as u16).to_ne_bytes()).collect(),
+                _ => noise.map(|number| ((number + 1.0) * 127.0) as u8).collect(),
             }
-        }
-        row.resize(row.len().next_multiple_of(4), 0);
-        row
+        })
     }
 
     pub fn see<T>(
@@ -212,7 +207,8 @@ impl World {
             width => noise_f32(&format!("numbers.{now}.{n}"), width),
         };
         let numbers: Vec<f32> = columns.iter().flat_map(|&n| numbers(n)).collect();
-        let images: Vec<u8> = columns.iter().flat_map(|&n| self.images_of(now, n)).collect();
+        let images: Vec<Vec<u8>> = columns.iter().flat_map(|&n| self.images_of(now, n)).collect();
+        let images: Vec<&[u8]> = images.iter().map(Vec::as_slice).collect();
         let previous_action: Vec<u8> = columns.iter().map(|&n| self.previous[n]).collect();
         let episode_start: Vec<bool> = previous_action.iter().map(|&action| action == NO_ACTION).collect();
         let masks: Vec<bool> =

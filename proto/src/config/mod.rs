@@ -256,12 +256,12 @@ pub enum CpuArithmetic {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EncoderPrecision {
-    /// `bfloat16` if it is available, else `float32`.
+    /// `bfloat16` for resnet on a CUDA device, else `float32`.
     Auto,
     /// 32 bits throughout, as libtorch computes them.
     Float32,
-    /// 16-bit bfloat numbers with 32-bit sums, by kernels of our own: resnet on a CUDA device. Weights, gradients and
-    /// everything after the encoder keep 32 bits.
+    /// 16-bit bfloat numbers with 32-bit sums, on a CUDA device: resnet by kernels of our own, and images beside a frame.
+    /// Weights, gradients and everything after the encoder keep 32 bits.
     Bfloat16,
 }
 

@@ -23,7 +23,7 @@ pub(in crate::agent) struct Policy<'a> {
 pub(in crate::agent) struct Rows<'a> {
     /// These, images and noise: as [`crate::agent::StepInput`] has them.
     pub frames: &'a [DepthFrame<'a>],
-    pub images: &'a [u8],
+    pub images: &'a [&'a [u8]],
     pub noise: &'a [f32],
     /// Rows of the store that get the observations.
     pub places: &'a [i64],

@@ -9,10 +9,9 @@ use tch::{Kind, Tensor};
 /// The rows of a batch.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Inputs<'a> {
-    /// Where kernels find the frames; none where they are elsewhere.
+    /// Where kernels find the frames, or all rows' first image, then all second ones; none where they are elsewhere.
     pub addresses: &'a [i64],
-    /// These, masks and noise: as [`crate::agent::StepInput`] has them. Masks and noise that the host applies are left out.
-    pub images: &'a [u8],
+    /// These and noise: as [`crate::agent::StepInput`] has them. What the host applies is left out.
     pub masks: &'a [bool],
     pub noise: &'a [f32],
     /// Rows of the store that get the observations.
@@ -29,7 +28,6 @@ pub(super) struct Inputs<'a> {
 pub(super) struct Layout {
     pub rows: usize,
     pub addresses: Range<usize>,
-    pub images: Range<usize>,
     pub masks: Range<usize>,
     pub noise: Range<usize>,
     pub places: Range<usize>,
@@ -52,7 +50,6 @@ impl Layout {
         Self {
             rows,
             addresses: next(size_of_val(inputs.addresses)),
-            images: next(inputs.images.len()),
             masks: next(inputs.masks.len()),
             noise: next(size_of_val(inputs.noise)),
             places: next(rows * 8),
@@ -81,7 +78,6 @@ impl Inputs<'_> {
         let bytes = unsafe { ffi::bytes_mut(to) };
         let integers = |to: &mut [u8], numbers: &[i64]| put(to, numbers.iter().map(|number| number.to_ne_bytes()));
         integers(&mut bytes[layout.addresses.clone()], self.addresses);
-        bytes[layout.images.clone()].copy_from_slice(self.images);
         put(&mut bytes[layout.masks.clone()], self.masks.iter().map(|&mask| [u8::from(mask)]));
         put(&mut bytes[layout.noise.clone()], self.noise.iter().map(|number| number.to_ne_bytes()));
         integers(&mut bytes[layout.places.clone()], self.places);
@@ -129,7 +125,6 @@ mod tests {
         let steps = [step.clone(), Step { episode_start: true, ..step.clone() }, step];
         let inputs = Inputs {
             addresses: &of_rows,
-            images: &[3; 15],
             masks: &[true, false, false, true, true, true],
             noise: &[0.25; 3 * 21],
             places: &of_rows,
@@ -138,12 +133,12 @@ mod tests {
             steps: &steps,
         };
         let layout = Layout::of(&inputs);
-        let Layout { rows, addresses, images, masks, noise, places, columns, beliefs_to, .. } = layout.clone();
+        let Layout { rows, addresses, masks, noise, places, columns, beliefs_to, .. } = layout.clone();
         let Layout { previous_actions, numbers, carried, .. } = layout.clone();
-        let parts = [addresses, images, masks, noise, places, columns, beliefs_to, previous_actions, numbers, carried];
+        let parts = [addresses, masks, noise, places, columns, beliefs_to, previous_actions, numbers, carried];
         assert!(parts.is_sorted_by(|a, b| a.end <= b.start && b.start - a.end < 16));
         assert!(parts.iter().all(|part| part.start.is_multiple_of(16)));
-        assert_eq!((rows, layout.bytes()), (3, parts[9].end));
+        assert_eq!((rows, layout.bytes()), (3, parts[8].end));
 
         let mut bytes = Tensor::zeros([layout.bytes() as i64], (Kind::Uint8, Device::Cpu));
         inputs.write(&layout, &mut bytes);
@@ -157,6 +152,5 @@ mod tests {
         assert_eq!(integers(&layout.previous_actions), [9; 3]);
         let masks = there.table(&layout.masks, Kind::Bool);
         assert_eq!((masks.size(), Vec::<bool>::try_from(masks.select(0, 1)).unwrap()), (vec![3, 2], vec![false, true]));
-        assert_eq!(there.table(&layout.images, Kind::Uint8).size(), [3, 5]);
     }
 }

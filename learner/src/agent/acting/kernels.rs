@@ -4,10 +4,10 @@
 use super::batch::{Policy, Rows};
 use super::graphs::StepGraphs;
 use super::inputs::{Inputs, There};
+use super::reach::Reach;
 use crate::agent::sampling::{Sampled, forbid, normalize, sample};
 use crate::ffi::branches::Branches;
 use crate::ffi::graph::GraphError;
-use crate::ffi::host_memory::HostMemory;
 use crate::ffi::kernels::{ActingKernels, CHOSEN_WORDS, Chosen, Kernels, Source, Undecided};
 use crate::network::Staging;
 use proto::camera::DepthFrame;
@@ -25,11 +25,9 @@ const MOST_PARTS: usize = 2;
 pub(in crate::agent) struct ByKernels {
     graphs: StepGraphs,
     branches: Branches,
-    memory: HostMemory,
+    reach: Reach,
     /// Frames that the GPU cannot read where they are.
     staging: Staging,
-    /// Frames were copied, and a warning was given.
-    copied: bool,
     device: Device,
 }
 
@@ -68,15 +66,14 @@ impl ByKernels {
         Ok(Self {
             graphs,
             branches: Branches::open(MOST_PARTS)?,
-            memory: HostMemory::open()?,
+            reach: Reach::open()?,
             staging: Staging::default(),
-            copied: false,
             device,
         })
     }
 
     pub fn recheck_memory(&mut self) {
-        self.memory.recheck();
+        self.reach.recheck();
     }
 
     pub fn step(&mut self, policy: Policy, rows: Rows) -> Result<Vec<Sampled>, GraphError> {
@@ -85,8 +82,7 @@ impl ByKernels {
         let Rows { noise, places, columns, beliefs_to, steps, .. } = rows;
         let few = matches!(policy.head, ActionHead::Discrete(named) if ActingKernels::can_choose(named.len()));
         let chooser = Chooser { policy, there: few && steps[0].mask.is_empty() };
-        let inputs =
-            Inputs { addresses: &addresses, images: &[], masks: &[], noise, places, columns, beliefs_to, steps };
+        let inputs = Inputs { addresses: &addresses, masks: &[], noise, places, columns, beliefs_to, steps };
         let Self { graphs, branches, .. } = self;
         let launch = |there: &There, choices: &Tensor| launch(chooser, (kernels, branches), there, choices);
         let words = graphs.step(policy.left(), &inputs, chooser.words(), launch)?;
@@ -98,17 +94,8 @@ impl ByKernels {
     /// Where the GPU finds the frames: where they are if it can read them there, or in pinned memory.
     fn addresses(&mut self, kernels: &Kernels, frames: &[DepthFrame]) -> Vec<i64> {
         let sources: Vec<Source> = frames.iter().map(|frame| kernels.acting.source(frame)).collect();
-        let mut admit = |source: &Source| {
-            let (address, bytes) = source.bytes();
-            self.memory.admit(address, bytes)
-        };
-        let Err(why) = sources.iter().try_for_each(&mut admit) else {
+        if self.reach.covers(sources.iter().map(|source| source.bytes())) {
             return sources.into_iter().map(Source::word).collect();
-        };
-        if !std::mem::replace(&mut self.copied, true) {
-            tracing::warn!(
-                "acting copies frames for the GPU, which takes longer, as it cannot read them where they are: {why}"
-            );
         }
         let gathered = self.staging.gather(frames, self.device);
         gathered.iter().map(|frame| kernels.acting.source(frame).word()).collect()
@@ -200,7 +187,7 @@ mod tests {
     /// Whether steps were taken, each with frames where actors wrote them.
     fn has_copied_nothing(agent: &Agent) -> bool {
         let Some(Acting::Kernels(kernels)) = &agent.acting else { return false };
-        kernels.graphs.has_stepped() && !kernels.copied
+        kernels.graphs.has_stepped() && !kernels.reach.missed
     }
 
     /// What a graph does, in parts or whole, is what the agent does without one: as far as bfloat16 goes, because other

@@ -10,6 +10,7 @@ mod graphs;
 mod inputs;
 mod kernels;
 mod operations;
+mod reach;
 
 pub(super) use batch::{Policy, Rows};
 pub(super) use kernels::parts_are_alike;
@@ -45,8 +46,9 @@ impl Acting {
 
     /// Actors have started again: their frames may lie where others' lay.
     pub fn recheck_memory(&mut self) {
-        if let Self::Kernels(kernels) = self {
-            kernels.recheck_memory();
+        match self {
+            Self::Kernels(kernels) => kernels.recheck_memory(),
+            Self::Operations(operations) => operations.recheck_memory(),
         }
     }
 

@@ -4,38 +4,60 @@
 use super::batch::{Policy, Rows};
 use super::graphs::StepGraphs;
 use super::inputs::{Inputs, There};
+use super::reach::Reach;
 use crate::agent::sampling::{Sampled, sample};
 use crate::ffi::graph::GraphError;
-use crate::ffi::kernels::ScatterKernel;
+use crate::ffi::kernels::RowKernels;
 use crate::network::{Kept, Network, Observations, Staging};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 #[derive(Debug)]
 pub(in crate::agent) struct ByOperations {
     graphs: StepGraphs,
-    scatter: ScatterKernel,
+    kernels: RowKernels,
     /// Kept frames of a batch, \[columns, side, side\]: graphs know the address.
     frames: Tensor,
     staging: Staging,
+    /// None where there are no images but a frame, or the host has to check them.
+    reach: Option<Reach>,
+    /// Images that the GPU cannot read where they are: rows of bytes in pinned memory.
+    images: Tensor,
+    device: Device,
 }
 
 impl ByOperations {
     pub(super) fn new(graphs: StepGraphs, network: &Network, columns: usize) -> Result<Self, GraphError> {
-        let frames = network.preparation.store(columns as i64);
-        Ok(Self { graphs, scatter: ScatterKernel::compile()?, frames, staging: Staging::default() })
+        let (frames, device) = (network.preparation.store(columns as i64), network.parameters.flat().device());
+        let in_place = !network.images().are_none() && network.images().are_whole_numbers();
+        Ok(Self {
+            graphs,
+            kernels: RowKernels::compile()?,
+            frames,
+            staging: Staging::default(),
+            reach: in_place.then(Reach::open).transpose()?,
+            images: network.images().store(0, Device::Cpu),
+            device,
+        })
+    }
+
+    pub fn recheck_memory(&mut self) {
+        if let Some(reach) = &mut self.reach {
+            reach.recheck();
+        }
     }
 
     pub fn step(&mut self, policy: Policy, rows: Rows) -> Result<Vec<Sampled>, GraphError> {
-        let Self { graphs, scatter, frames, staging } = self;
-        let Rows { images, noise, places, columns, beliefs_to, steps, .. } = rows;
+        let addresses = self.addresses(policy.network, rows);
+        let Self { graphs, kernels, frames, staging, .. } = self;
+        let Rows { noise, places, columns, beliefs_to, steps, .. } = rows;
         let frames = frames.narrow(0, 0, steps.len() as i64);
         if !rows.frames.is_empty() {
             frames.shallow_clone().copy_(&policy.network.preparation.keep(rows.frames, staging));
         }
         let masks: Vec<bool> = steps.iter().flat_map(|step| &step.mask).copied().collect();
-        let inputs = Inputs { addresses: &[], images, masks: &masks, noise: &[], places, columns, beliefs_to, steps };
+        let inputs = Inputs { addresses: &addresses, masks: &masks, noise: &[], places, columns, beliefs_to, steps };
         let launch = |there: &There, outputs: &Tensor| {
-            launch(policy, scatter, &frames, there, outputs);
+            launch(policy, kernels, &frames, there, outputs);
             Ok(())
         };
         let outputs = graphs.step(policy.left(), &inputs, policy.outputs(), launch)?;
@@ -49,16 +71,45 @@ impl ByOperations {
         Ok(outputs.map(choose).collect())
     }
 
+    /// Where the GPU finds the images, as [`Inputs`] has them: where actors wrote them if it can read them there, or in
+    /// pinned memory.
+    fn addresses(&mut self, network: &Network, Rows { images, steps, .. }: Rows) -> Vec<i64> {
+        let (of_network, rows) = (network.images(), steps.len());
+        if of_network.are_none() {
+            return vec![];
+        }
+        let place = |image: &&[u8]| (image.as_ptr() as usize, image.len());
+        if self.reach.as_mut().is_some_and(|reach| reach.covers(images.iter().map(place))) {
+            let each = of_network.places().len();
+            let of = |image: usize| images[image..].iter().step_by(each).map(|image| image.as_ptr() as i64);
+            return (0..each).flat_map(of).collect();
+        }
+        let gathered = of_network.gather(images, rows);
+        if self.images.size()[0] < rows as i64 {
+            self.images = gathered.pin_memory(self.device);
+        } else {
+            self.images.narrow(0, 0, rows as i64).copy_(&gathered);
+        }
+        let (first, stride) = (self.images.data_ptr() as usize, self.images.size()[1] as usize);
+        let of = |begin: usize| (0..rows).map(move |row| (first + row * stride + begin) as i64);
+        of_network.places().flat_map(|place| of(place.start)).collect()
+    }
+
     #[cfg(test)]
     pub(super) fn graphs(&mut self) -> &mut StepGraphs {
         &mut self.graphs
     }
 }
 
-fn launch(policy: Policy, scatter: &ScatterKernel, frames: &Tensor, there: &There, outputs: &Tensor) {
+fn launch(policy: Policy, kernels: &RowKernels, frames: &Tensor, there: &There, outputs: &Tensor) {
     let Policy { network, beliefs: table, store, .. } = policy;
-    let layout = there.layout;
-    let kept = Kept { frames: frames.shallow_clone(), images: there.table(&layout.images, Kind::Uint8) };
+    let (layout, rows) = (there.layout, frames.size()[0]);
+    let kept = Kept { frames: frames.shallow_clone(), images: network.images().store(rows, frames.device()) };
+    for (image, bytes) in (0..).zip(network.images().places()) {
+        let addresses = there.part(&layout.addresses, Kind::Int64).narrow(0, image * rows, rows);
+        // SAFETY: these are the addresses of `ByOperations::addresses`.
+        unsafe { kernels.gather(&addresses, bytes, &kept.images) };
+    }
     let numbers = there.table(&layout.numbers, Kind::Float);
     let previous_actions = there.part(&layout.previous_actions, Kind::Int64);
     let observations = Observations { kept, numbers, previous_actions };
@@ -71,13 +122,13 @@ fn launch(policy: Policy, scatter: &ScatterKernel, frames: &Tensor, there: &Ther
     // SAFETY: `Inputs` has rows of this store and of this table.
     unsafe {
         for (store, new) in store.parts(&observations.kept) {
-            scatter.rows(new, &places, store);
+            kernels.scatter(new, &places, store);
         }
         if table.size()[1] > 0 {
-            scatter.rows(&states, &beliefs_to, table);
+            kernels.scatter(&states, &beliefs_to, table);
         }
     }
-    scatter.copy(&judged, outputs);
+    kernels.copy(&judged, outputs);
 }
 
 #[cfg(test)]
@@ -107,6 +158,7 @@ mod tests {
         frames.network.encoder = Encoder::Cnn;
         vec![
             of("plain", discrete, "network.memory = \"none\""),
+            of("bfloat16", discrete, "network.memory = \"none\"\nlearner.encoder_precision = \"bfloat16\""),
             of("gru", masked, "network.memory = \"gru\""),
             of("lstm", numbers, "network.memory = \"lstm\"\nnormalize.observations = true"),
             ("frames", frames),

@@ -7,7 +7,7 @@ mod acting;
 mod block;
 mod map;
 mod norm;
-mod scatter;
+mod rows;
 mod stem;
 #[cfg(test)]
 mod tests;
@@ -16,7 +16,7 @@ pub use acting::{ActingKernels, CHOSEN_WORDS, Chosen, Heads, Source, Undecided};
 pub use block::{Block, BlockGradients, BlockKernels};
 pub use map::{Affine, Statistics, channels_last};
 pub use norm::{NormGradients, NormKernels, Then};
-pub use scatter::ScatterKernel;
+pub use rows::RowKernels;
 pub use stem::{Stem, StemGradients, StemKernels, StemTape};
 
 use super::cuda::{CudaError, Module};
