@@ -1,6 +1,6 @@
 # Set-up, build and run in one command; for everything else there is plain cargo, which works after `make setup`.
 .DEFAULT_GOAL := help
-.PHONY: help setup build library install uninstall up play test test-all test-part schemas chaos soak lint check-deploy doc book examples deny fuzz \
+.PHONY: help setup build library install uninstall up play test test-all test-part schemas check-schemas chaos soak lint check-deploy doc book examples deny fuzz \
 	sanitize bench-peers bench-learner bench-kernels bench-wire bench-view bench-hosts check-determinism \
 	python python-aarch64 test-python bench-python bench-env bench-depth bench-transfer bench-curves bench-safety dist
 # Cargo uses all cores by itself; targets run one after the other also under -j.
@@ -109,7 +109,7 @@ play: build
 # .config/nextest.toml says what `make test` leaves out; plain cargo leaves out nothing.
 nextest := cargo nextest run --release --locked --workspace --no-fail-fast
 test-all: which := --ignore-default-filter
-test-all: library
+test-all: library check-schemas
 test test-all: build
 	@if cargo nextest --version >/dev/null 2>&1; then \
 		set -x; $(nextest) $(which); \
@@ -128,9 +128,10 @@ test-part: library
 		echo 'test-part: without cargo-nextest `make test` leaves nothing out'; \
 	fi
 
-# The Rust types and descriptors of orchestrator/schemas/, which lie in the checkout; a test compares them.
-schemas: setup
-	STILLROOM_WRITE_SCHEMAS=yes cargo test --release --locked --workspace --test schemas
+# The Rust types and descriptors of orchestrator/schemas/, which lie in the checkout; `make test-all` compares them.
+check-schemas: arguments := -- --check
+schemas check-schemas:
+	cargo run --quiet --locked --manifest-path orchestrator/schemas/compiler/Cargo.toml --target-dir target/schemas $(arguments)
 
 chaos: library
 	cargo build --release --locked --workspace --bin chaos

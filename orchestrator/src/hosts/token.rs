@@ -3,7 +3,7 @@
 
 use crate::supervisor::process::{TOKEN, TOKEN_FILE};
 use anyhow::{Context, Result, ensure};
-use hmac::{Hmac, KeyInit, Mac};
+use hmac::{Hmac, Mac};
 use proto::digest::hex;
 use sha2::Sha256;
 use std::fs::{File, Metadata};

@@ -11,7 +11,6 @@
 //! stops before a record that is not whole.
 
 use anyhow::{Context, Result};
-use crc::{CRC_32_ISCSI, Crc, Table};
 use prost::Message;
 use proto::plain_file::open_plain;
 use schema::event::What;
@@ -39,8 +38,6 @@ const HEAD: usize = 12;
 const EVENT_BYTES_MOST: u64 = 1 << 20;
 /// Added to a checksum after it was turned: a checksum of checksums would be weak.
 const MASK: u32 = 0xa282_ead8;
-
-static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
@@ -86,7 +83,7 @@ fn event(at_unix_s: u64, step: u64, what: What) -> Event {
 }
 
 fn masked(bytes: &[u8]) -> u32 {
-    CRC.checksum(bytes).rotate_right(15).wrapping_add(MASK)
+    crc32c::crc32c(bytes).rotate_right(15).wrapping_add(MASK)
 }
 
 fn add_record(bytes: &mut Vec<u8>, event: &Event) {
