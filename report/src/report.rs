@@ -70,6 +70,8 @@ pub struct RunReport {
     pub seed: u64,
     pub frames: u64,
     pub budget: u64,
+    /// The mean over its training, updates included.
+    pub frames_per_s: Option<f64>,
     pub evaluations: Vec<String>,
 }
 
@@ -259,6 +261,7 @@ impl RunReport {
             seed: run.config.seed,
             frames: run.rollouts.last().map_or_else(|| evaluated_frames(run), |rollout| rollout.frames),
             budget: proto::stage::total_frames(&run.config.stages),
+            frames_per_s: run.rollouts.last().and_then(Rollout::mean_per_s),
             evaluations: run.evaluations.iter().map(|evaluated| evaluated.name.clone()).collect(),
         }
     }
