@@ -156,7 +156,7 @@ export async function showEpisode(root, run, key, query, signal, named) {
   named(stage.called());
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   const link = (text, rel, other) => other && h("a", { href: `#/run/${encodeURIComponent(run)}/episode/${other}`, rel, title: `key: ${rel[0]}` }, text);
-  const beside = h("nav", { class: "parts", "aria-label": "Other episodes" });
+  const beside = h("div", { class: "row", role: "navigation", "aria-label": "Other episodes" });
   neighbours(run, key, signal).then(([before, after]) => replace(beside, link("Previous episode", "prev", before), link("Next episode", "next", after)), () => {});
   const title = h("div", { class: "row between" }, stage.title(), beside);
   const { film, filmed } = stage.episode;

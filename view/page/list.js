@@ -59,8 +59,9 @@ export function means(group) {
     const [{ metrics, asked }] = seeds;
     const mean = (of) => { const known = seeds.map(of).filter((value) => value !== undefined && value !== null); return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : undefined; };
     const over = (name) => mean(({ figures }) => figures[name]);
-    const figures = Object.fromEntries(metrics.map(({ name, quotient }) => [name, quotient ? over(quotient[0]) / over(quotient[1]) : over(name)]));
-    return { what, evaluation, asked, seeds, of: `mean of ${seeds.length} ${seeds.length === 1 ? "seed" : "seeds"}: ${asked ?? "training"}`, metrics, figures, frames_per_s: mean((one) => one.frames_per_s) };
+    const all = Object.fromEntries(Object.keys(seeds[0].figures).map((name) => [name, over(name)]));
+    const shown = Object.fromEntries(metrics.map(({ name, quotient }) => [name, quotient ? over(quotient[0]) / over(quotient[1]) : over(name)]));
+    return { what, evaluation, asked, seeds, of: `mean of ${seeds.length} ${seeds.length === 1 ? "seed" : "seeds"}: ${asked ?? "training"}`, metrics, figures: { ...all, ...shown }, frames_per_s: mean((one) => one.frames_per_s) };
   });
 }
 
@@ -104,7 +105,7 @@ export async function showList(root, query, signal) {
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
     const sorted = [...cards].sort((a, b) => compare(value(a), value(b)));
-    replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && [heading(group[0]), means(group).map(mean)], ...group.map(row)]));
+    replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && [heading(group[0]), means(group).filter(({ seeds }) => seeds.length > 1).map(mean)], ...group.map(row)]));
     fit();
   };
   const sort = () => {

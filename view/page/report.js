@@ -7,8 +7,9 @@ import { Curves, legend } from "./curves.js";
 
 /** `test-novel-best` in words. */
 function fieldName(key) {
-  const known = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", best: "best checkpoint" };
-  return key.split("-").map((word) => known[word] ?? word).join(", ");
+  const known = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", seeds: "episodes of fixed seeds", best: "best checkpoint" };
+  // Those of scenes and of procedural kitchens are always drawn.
+  return key.replace(/^((?:scenes|procedural).*?)(-best)?$/, "$1-drawn$2").split("-").map((word) => known[word] ?? word).join(", ");
 }
 
 /** Fewer episodes than this say nothing of what a policy does when, nor of what it foretells. */
@@ -60,6 +61,7 @@ class Page {
     this.several = Object.keys(report.tasks).length > 1;
     this.names = report.groups.map(({ label }) => label);
     this.results = report.groups.flatMap((group, index) => group.results.map((result) => ({ group, index, result })));
+    this.averaged = this.results.some(({ result }) => result.seeds.length > 1);
     this.hasRates = this.results.some(({ result: { rates } }) => Object.keys(rates).length);
     this.fields = [...new Set(report.comparisons.map(({ field }) => field).concat(this.results.map(({ result }) => result.field)))];
     this.fields = this.fields.filter((field) => this.results.some(({ result }) => result.field === field));
@@ -135,7 +137,7 @@ class Page {
 
   /** The settings that are not the same in all groups. */
   differing() {
-    const text = (one) => (one === null ? "–" : typeof one === "string" ? one : Number.isInteger(one) ? count(one) : JSON.stringify(one));
+    const text = (one) => (one === null ? "–" : typeof one === "string" ? one : Number.isInteger(one) ? count(one) : typeof one === "object" ? Object.entries(one).map(([key, part]) => (Array.isArray(one) ? text(part) : `${key} ${text(part)}`)).join(", ") : String(one));
     const value = (one) => (text(one).length > 40 ? `${text(one).slice(0, 39)}…` : text(one));
     // Runs of several tasks differ in nearly all.
     const tables = this.byTask(this.report.groups.map((group, at) => ({ group, at }))).map(([task, some]) => {
@@ -157,7 +159,7 @@ class Page {
   /** What a mean of a field is over: episodes of fixed seeds are in no kitchen. */
   samples(field) {
     const fixed = /-seeds(-best)?$/.test(field);
-    return this.seeds ? `seeds${fixed ? "" : " and kitchens"}` : fixed ? "episodes" : "kitchens";
+    return this.averaged ? `seeds${fixed ? "" : " and kitchens"}` : fixed ? "episodes" : "kitchens";
   }
 
   /** Every group in every field. */
@@ -182,8 +184,8 @@ class Page {
       return table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row)));
     };
     return section("results", "Results", fields,
-      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds agree, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
-        : `Means over ${this.samples(this.fields[0])}, of one seed.${this.hasRates ? " The 95% interval of a share is Wilson's over the episodes of this seed alone." : ""}${this.results.some(({ result: { intervals } }) => intervals) ? " The 95% interval of another mean is from a bootstrap over them." : ""}`),
+      says(this.averaged ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds agree, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
+        : `Means over ${this.samples(this.fields[0])}, of one seed${this.results.length > 1 ? " each" : ""}.${this.hasRates ? " The 95% interval of a share is Wilson's over the episodes of this seed alone." : ""}${this.results.some(({ result: { intervals } }) => intervals) ? " The 95% interval of another mean is from a bootstrap over them." : ""}`),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further),
       this.byTask(this.results).map(([task]) => this.docs(task)));
   }
@@ -333,7 +335,7 @@ class Page {
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;
-    return section("limits", "Success by threshold", parts, says(`Mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}.`));
+    return section("limits", "Success by threshold", parts, says(`Mean over ${this.samples(this.fields[0])}${this.averaged ? " with 95% stratified-bootstrap intervals" : ""}.`));
   }
 
   /** One episode of each run, as two policies play it where both were recorded. */
@@ -367,7 +369,7 @@ class Page {
       made.show({ series, most: 1 });
       return made.element;
     };
-    return section("sweep", "Weights of rewards", h("div", { class: "grid" }, sweeps.map(chart)), says(`Runs that differ in one weight of their rewards only: mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}. Dashed: the second of the metrics.`));
+    return section("sweep", "Weights of rewards", h("div", { class: "grid" }, sweeps.map(chart)), says(`Runs that differ in one weight of their rewards only: mean over ${this.samples(this.fields[0])}${this.averaged ? " with 95% stratified-bootstrap intervals" : ""}. Dashed: the second of the metrics.`));
   }
 
   prediction() {

@@ -116,8 +116,13 @@ fn subject(card: &Card) -> String {
     let name = name.and_then(|name| name.strip_suffix(&format!("-{}", card.seed)));
     let own = format!("{}, seed {}", name.map_or_else(|| card.subject(), str::to_owned), card.seed);
     let is_of_run = Path::new(&card.folder).ancestors().nth(2).is_some_and(|run| !run.as_os_str().is_empty());
-    match &card.asked {
-        Some(asked) if is_of_run => asked.clone(),
+    // A column is narrow.
+    let short = |asked: &String| {
+        ["episodes of ", " episodes", " objects"].iter().fold(asked.clone(), |text, word| text.replace(word, ""))
+    };
+    let asked = card.asked.as_ref().map(short);
+    match asked {
+        Some(asked) if is_of_run => asked,
         Some(asked) => format!("{own}: {asked}"),
         None => own,
     }
@@ -149,9 +154,12 @@ mod tests {
             [subject(&card(".", false, Some("s"))), subject(&card("runs/none-12", false, None))],
             ["demo, seed 12"; 2]
         );
-        let asked = |folder: &str| Card { asked: Some("test, drawn episodes".to_owned()), ..card(folder, true, None) };
-        assert_eq!(subject(&asked("runs/none-12/evaluations/a")), "test, drawn episodes");
-        assert_eq!(subject(&asked("evaluations/a")), "demo, seed 12: test, drawn episodes");
+        let asked = |folder: &str| Card {
+            asked: Some("test, novel objects, drawn episodes".to_owned()),
+            ..card(folder, true, None)
+        };
+        assert_eq!(subject(&asked("runs/none-12/evaluations/a")), "test, novel, drawn");
+        assert_eq!(subject(&asked("evaluations/a")), "demo, seed 12: test, novel, drawn");
         let done = Card { done: 1000, ..card("a", false, None) };
         assert_eq!(cells(&done)[3], "1,000 frames");
     }

@@ -237,7 +237,10 @@ fn training_time(suite: &Suite, earlier: &[Card]) -> String {
         Some(taken_s) => format!("about {} of training, as fast as earlier runs of the same presets", text(taken_s)),
         None => {
             let round_s = suite.entries.iter().map(frames).sum::<f64>() / 1000.0;
-            format!("at 1,000 frames/s that is {} of training; no earlier run here tells this machine's", text(round_s))
+            format!(
+                "at 1,000 frames/s that is {} of training; no earlier run of these presets tells this machine's",
+                text(round_s)
+            )
         }
     }
 }
@@ -332,7 +335,8 @@ mod tests {
         let earlier = [run("demo", None), run("demo", Some(800.0)), run("demo", Some(1.0))];
         let known = "about 2 min 30 s of training, as fast as earlier runs of the same presets";
         assert_eq!(training_time(&suite, &earlier), known);
-        let unknown = "at 1,000 frames/s that is 2 min 00 s of training; no earlier run here tells this machine's";
+        let unknown =
+            "at 1,000 frames/s that is 2 min 00 s of training; no earlier run of these presets tells this machine's";
         assert_eq!(training_time(&suite, &[run("paper", Some(800.0))]), unknown);
     }
 

@@ -80,11 +80,11 @@ pub fn brief(config: &Config, asked: &EvaluationConfig) -> String {
     let episodes = match asked.distribution {
         Distribution::Fixed => "fixed episodes",
         Distribution::Run => "drawn episodes",
-        Distribution::Seeds => "fixed seeds",
+        Distribution::Seeds => "episodes of fixed seeds",
     };
     let folder = asked.checkpoint.as_deref().and_then(|path| Path::new(path).parent()?.file_name());
     let is_best = folder.is_some_and(|folder| folder == BEST);
-    let more = [(is_best, "best checkpoint"), (asked.deterministic, "most probable actions")];
+    let more = [(is_best, "best checkpoint"), (asked.deterministic, "deterministic")];
     let more = more.into_iter().filter(|(is_so, _)| *is_so).map(|(_, word)| word.to_owned());
     [place].into_iter().chain(objects).chain([episodes.to_owned()]).chain(more).collect::<Vec<_>>().join(", ")
 }
@@ -210,7 +210,7 @@ mod tests {
         let drawn = EvaluationConfig { distribution: Distribution::Run, objects: ObjectSet::All, ..fixed.clone() };
         assert_eq!(brief(&config, &fixed), "test, novel objects, fixed episodes");
         assert_eq!(brief(&config, &drawn), "test, all objects, drawn episodes");
-        let words = "test, novel objects, fixed episodes, best checkpoint, most probable actions";
+        let words = "test, novel objects, fixed episodes, best checkpoint, deterministic";
         assert_eq!(brief(&config, &best), words);
     }
 

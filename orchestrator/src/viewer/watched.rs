@@ -140,7 +140,7 @@ impl Watched {
             state: state_of(identity, held, complete).to_string(),
             done: recent.frames,
             budget: recent.budget,
-            figures: config.spec().with_quotients(recent.episodes.figures),
+            figures: config.spec().with_quotients(recent.episodes.with_return()),
             left_s: recent.left_s.filter(|_| !complete),
             frames_per_s: frames_per_s(&self.history),
             ..card
