@@ -272,16 +272,17 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
 /// The text of an error, with what is said here where a key of a configuration is another program's.
 pub fn told(error: &anyhow::Error) -> String {
     let (text, tip) = (format!("{error:#}"), of_key(error));
-    let text = if tip.starts_with(HERE) { without_guess(&text) } else { text };
-    format!("{text}{tip}")
+    format!("{}{tip}", without_guess(&text, &tip))
 }
 
-const HERE: &str = "; here ";
-
-/// A text without the likest of our own names, which is not what another program's name means.
-fn without_guess(text: &str) -> String {
-    let guess = text.split_once(" (did you mean ").and_then(|(before, rest)| Some((before, rest.split_once(')')?.1)));
-    guess.map_or_else(|| text.to_owned(), |(before, after)| format!("{before}{after}"))
+/// A text without the likest of our own names, where another program's name means something else.
+fn without_guess(text: &str, tip: &str) -> String {
+    let ours = tip.split_once("here it is `").and_then(|(_, ours)| ours.trim_start_matches("--set ").split('=').next());
+    let parts = text.split_once(" (did you mean ").and_then(|(before, rest)| Some((before, rest.split_once(')')?)));
+    match (ours, parts) {
+        (Some(ours), Some((before, (guess, after)))) if !guess.contains(ours) => format!("{before}{after}"),
+        _ => text.to_owned(),
+    }
 }
 
 /// What is wrong with a key of a configuration that another program has, in a sentence's end; nothing of other errors.
@@ -402,9 +403,8 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     let said = error.to_string();
-    let is_theirs = error.kind() == ErrorKind::ValueValidation && said.contains("tip: here ");
-    let readable = if is_theirs {
-        without_guess(&said)
+    let readable = if said.contains("tip: here it is `--set ") {
+        without_guess(&said, &said)
     } else if said.contains("..=") {
         said.replace(" is not in ", " is outside ").replace("..=", " to ")
     } else {
@@ -528,6 +528,7 @@ mod tests {
         let error = answer(&["up", "--set", "ppo.clip_range=0.1"]);
         assert!(error.contains("`clip_range`\n\n  tip: here it is `--set ppo.clip=CLIP`"), "{error}");
         assert!(answer(&["up", "--set", "gamma=0.9"]).contains("(did you mean `ppo.gamma`?)"));
+        assert!(answer(&["up", "--set", "learning_rate=1e-3"]).contains("(did you mean `ppo.learning_rate` or "));
     }
 
     #[test]
