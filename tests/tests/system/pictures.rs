@@ -52,8 +52,8 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     assert!(viewer.stop());
 }
 
-/// A picture in 256 colours: the box of all its colours is halved along the longest side of any part, and a part's commonest
-/// colour stands for the others.
+/// A picture in 256 colours: the box of all its colours is halved again and again, the part first that errs most, and a part's
+/// commonest colour stands for the others.
 fn in_few_colours(picture: &[u8]) -> Vec<u8> {
     let mut reader = png::Decoder::new(Cursor::new(picture)).read_info().expect("a picture");
     let mut pixels = vec![0; reader.output_buffer_size().expect("it fits the memory")];
@@ -69,14 +69,23 @@ fn in_few_colours(picture: &[u8]) -> Vec<u8> {
         };
         (0..3).map(|channel| (length(channel), channel)).max().expect("three channels")
     };
+    let error = |part: &[([u8; 3], u32)]| {
+        let length = u64::from(side(part).0);
+        length * length * part.iter().map(|(_, count)| u64::from(*count)).sum::<u64>()
+    };
     while parts.len() < 256 {
-        let sides = parts.iter().enumerate().map(|(at, part)| (side(part), at));
-        let ((length, channel), at) = sides.max().expect("a part");
-        if length == 0 {
+        let errors = parts.iter().map(|part| error(part)).enumerate();
+        let (at, most) = errors.max_by_key(|(_, error)| *error).expect("a part");
+        if most == 0 {
             break;
         }
+        let (_, channel) = side(&parts[at]);
         parts[at].sort_unstable_by_key(|(colour, _)| colour[channel]);
-        let half = parts[at].len() / 2;
+        let middle = |part: &[([u8; 3], u32)]| {
+            let ends = [part[0], part[part.len() - 1]].map(|(colour, _)| u16::from(colour[channel]));
+            part.partition_point(|(colour, _)| 2 * u16::from(colour[channel]) <= ends[0] + ends[1])
+        };
+        let half = middle(&parts[at]);
         let other = parts[at].split_off(half);
         parts.push(other);
     }
