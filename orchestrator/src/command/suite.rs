@@ -233,16 +233,12 @@ fn training_time(suite: &Suite, earlier: &[Card]) -> String {
         earlier.iter().find_map(|run| run.frames_per_s.filter(|_| run.preset == *preset))
     };
     let text = |seconds: f64| duration(Duration::try_from_secs_f64(seconds).unwrap_or_default());
-    match suite.entries.iter().map(|entry| Some(frames(entry) / speed(entry)?)).sum::<Option<f64>>() {
-        Some(taken_s) => format!("about {} of training, as fast as earlier runs of the same presets", text(taken_s)),
-        None => {
-            let round_s = suite.entries.iter().map(frames).sum::<f64>() / 1000.0;
-            format!(
-                "at 1,000 frames/s that is {} of training; no earlier run of these presets tells this machine's",
-                text(round_s)
-            )
-        }
+    let known_s = suite.entries.iter().map(|entry| Some(frames(entry) / speed(entry)?)).sum::<Option<f64>>();
+    if let Some(known_s) = known_s {
+        return format!("about {} of training, as fast as earlier runs of the same presets", text(known_s));
     }
+    let round = text(suite.entries.iter().map(frames).sum::<f64>() / 1000.0);
+    format!("at 1,000 frames/s that is {round} of training; no earlier run of these presets tells this machine's")
 }
 
 fn again(args: &SuiteArgs) -> String {
