@@ -166,7 +166,7 @@ fn the_numbers_are_on_the_page(browser: &mut Browser, report: &Report, folder: &
     let percent = |share: f64| format!("{:.1}", 100.0 * share);
     let cell = browser.value("document.querySelector('#results tbody td:nth-child(4)').innerText");
     let expected =
-        format!("{}%\n{}\u{a0}–\u{a0}{}", percent(success.point), percent(interval.low), percent(interval.high));
+        format!("{}%\n{}\u{a0}–\u{a0}{}%", percent(success.point), percent(interval.low), percent(interval.high));
     assert_eq!(cell, expected.as_str());
     let chart = "#success-test-novel .save";
     let table = browser.download(&format!("{chart}:nth-child(2)"), folder, "sr-test-novel-objects.csv");

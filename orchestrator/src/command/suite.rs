@@ -210,7 +210,8 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
         "{runs} in this order into {}: {frames} frames, at most {disk} on the disk",
         folder.root().display()
     ));
-    terminal::out(&training_time(suite, &earlier_runs(folder)));
+    let earlier = RunReaders::once(vec![folder.root().to_owned(), RUNS.into()]).list();
+    terminal::out(&training_time(suite, &earlier));
     let evaluations = names(suite).join(", ");
     terminal::out(&if evaluations.is_empty() {
         "no [[evaluations]]: the report will have learning curves only".to_owned()
@@ -218,12 +219,6 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
         format!("evaluations of each run: {evaluations}")
     });
     Ok(())
-}
-
-/// Runs of the suite and of the folder where runs are, the newest first.
-fn earlier_runs(folder: &SuiteFolder) -> Vec<Card> {
-    let places = [folder.root(), Path::new(RUNS)].into_iter().filter(|place| place.is_dir());
-    RunReaders::once(places.map(Path::to_owned).collect()).list()
 }
 
 /// How long the runs train one after another, by the newest earlier run of each preset; else by a round number.

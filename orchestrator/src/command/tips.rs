@@ -241,7 +241,7 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
         "--env" | "--env-command" | "--env-kwargs" | "--env-declaration" if command == "doctor" => {
             Some("`orchestrator up` tries an environment of your own before the run begins".to_owned())
         }
-        word if word.contains('=') && !word.starts_with('-') && ["up", "import", "doctor"].contains(&command) => {
+        word if word.contains('=') && !word.starts_with('-') && ["up", "config", "import", "doctor"].contains(&command) => {
             assigned(word, line)
         }
         word if key_in(word).is_some() => key_in(word).map(|key| format!("here it is `--set {key}=VALUE`")),

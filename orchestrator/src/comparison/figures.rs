@@ -66,17 +66,16 @@ impl List {
     }
 }
 
-/// A mean of figures that are shown as this one; none of what is no number or time.
-pub fn as_shown(mean: f64, one: &str) -> Option<String> {
+/// A mean of figures that are shown as this one.
+pub fn as_shown(mean: f64, one: &str) -> String {
     let decimals = one.rsplit_once('.').map_or(0, |(_, decimals)| decimals.len());
-    Some(match one {
+    match one {
         _ if one.ends_with('%') => format::percent(Some(mean)),
-        _ if one.ends_with(" s") || one.ends_with(" min") || one.ends_with(" h") => {
-            format::duration(Duration::try_from_secs_f64(mean).ok()?)
-        }
+        // Of figures a time alone has spaces.
+        _ if one.contains(' ') => format::duration(Duration::try_from_secs_f64(mean).unwrap_or_default()),
         _ if decimals > 0 => format::number(Some(mean), decimals),
         _ => format::count(mean.round() as u64),
-    })
+    }
 }
 
 fn with_unit(label: &str, unit: &str) -> String {

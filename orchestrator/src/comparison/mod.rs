@@ -73,14 +73,14 @@ impl Comparison {
     fn with_means(mut self) -> Self {
         // Of each seed its own.
         let own = ["seed", "from.checkpoint", "from.weights", "evaluation.checkpoint"];
-        let settings = || self.configuration.iter().filter(|row| !own.contains(&row.name.as_str()));
-        let alike = |one: usize, other: usize| settings().all(|row| row.values[one] == row.values[other]);
-        let seeds = self.configuration.iter().find(|row| row.name == "seed");
-        let differ = |one: usize, other: usize| seeds.is_some_and(|row| row.values[one] != row.values[other]);
+        let is_seed = |one: usize, other: usize| {
+            let same = |row: &Row| row.values[one] == row.values[other];
+            let others = self.configuration.iter().filter(|row| !own.contains(&row.name.as_str()));
+            others.into_iter().all(same) && self.configuration.iter().any(|row| row.name == "seed" && !same(row))
+        };
         let mut groups: Vec<Vec<usize>> = Vec::new();
         for run in 0..self.runs.len() {
-            let is_of = |group: &Vec<usize>| group.iter().all(|&other| alike(other, run) && differ(other, run));
-            match groups.iter_mut().find(|group| is_of(group)) {
+            match groups.iter_mut().find(|group| group.iter().all(|&other| is_seed(other, run))) {
                 Some(group) => group.push(run),
                 None => groups.push(vec![run]),
             }
@@ -90,11 +90,10 @@ impl Comparison {
             let name = format!("{}mean of {}", begin_of(&names), group.len());
             self.runs.push(name);
             self.configuration.iter_mut().for_each(|row| row.shown.push(String::new()));
-            for row in &mut self.figures {
-                let values: Option<Vec<f64>> = group.iter().map(|&run| row.values[run].as_f64()).collect();
-                let mean = values.map(|values| values.iter().sum::<f64>() / values.len() as f64);
-                let mean = mean.and_then(|mean| figures::as_shown(mean, &row.shown[group[0]]));
-                row.shown.push(mean.unwrap_or_default());
+            for Row { values, shown, .. } in &mut self.figures {
+                let sum = group.iter().map(|&run| values[run].as_f64()).sum::<Option<f64>>();
+                let mean = sum.map(|sum| figures::as_shown(sum / group.len() as f64, &shown[group[0]]));
+                shown.push(mean.unwrap_or_default());
             }
         }
         self
@@ -148,12 +147,11 @@ fn with_values(mut table: Vec<Vec<String>>) -> Vec<Vec<String>> {
 
 /// What all these paths begin with: their folder, or in it a name without its seed, as in `runs/demo, `.
 fn begin_of(paths: &[&str]) -> String {
-    let is_same = |length: &usize| paths.iter().all(|path| path.get(..*length) == paths[0].get(..*length));
-    let mut lengths = (0..=paths[0].len()).rev().filter(|&length| paths[0].is_char_boundary(length));
-    let begin = &paths[0][..lengths.find(is_same).unwrap_or(0)];
-    match begin.strip_suffix('-') {
-        Some(name) if !name.ends_with('/') => format!("{name}, "),
-        _ => begin[..begin.rfind('/').map_or(0, |at| at + 1)].to_owned(),
+    let is_same = |at: &usize| paths.iter().all(|path| path.as_bytes().get(*at) == paths[0].as_bytes().get(*at));
+    let length = (0..paths[0].len()).take_while(is_same).count();
+    match paths[0].get(..length).and_then(|begin| begin.rsplit_once('-')) {
+        Some((name, end)) if !end.contains('/') => format!("{name}, "),
+        _ => paths[0][..paths[0].rfind('/').map_or(0, |at| at + 1)].to_owned(),
     }
 }
 

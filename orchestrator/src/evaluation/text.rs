@@ -67,26 +67,19 @@ pub fn conditions(config: &Config, asked: &EvaluationConfig) -> String {
 
 /// The same in a few words, without the policy: `test, novel objects, drawn episodes`.
 pub fn brief(config: &Config, asked: &EvaluationConfig) -> String {
-    let is_procedural = asked.procedural.is_some();
-    let place = match asked.kitchen {
-        Some(kitchen) => format!("kitchen {kitchen}"),
-        None => word_of_place(asked.split, is_procedural, !config.scenes.is_empty()).to_owned(),
-    };
-    let objects = match asked.objects {
-        ObjectSet::NoTargets => None,
-        ObjectSet::All => Some("all objects".to_owned()),
-        objects => Some(format!("{} objects", objects.name())),
-    };
+    let of_split = || word_of_place(asked.split, asked.procedural.is_some(), !config.scenes.is_empty()).to_owned();
+    let place = asked.kitchen.map_or_else(of_split, |kitchen| format!("kitchen {kitchen}"));
+    let has_targets = asked.objects != ObjectSet::NoTargets;
+    let objects = if has_targets { format!(", {} objects", asked.objects.name()) } else { String::new() };
     let episodes = match asked.distribution {
         Distribution::Fixed => "fixed episodes",
         Distribution::Run => "drawn episodes",
         Distribution::Seeds => "episodes of fixed seeds",
     };
     let folder = asked.checkpoint.as_deref().and_then(|path| Path::new(path).parent()?.file_name());
-    let is_best = folder.is_some_and(|folder| folder == BEST);
-    let more = [(is_best, "best checkpoint"), (asked.deterministic, "deterministic")];
-    let more = more.into_iter().filter(|(is_so, _)| *is_so).map(|(_, word)| word.to_owned());
-    [place].into_iter().chain(objects).chain([episodes.to_owned()]).chain(more).collect::<Vec<_>>().join(", ")
+    let best = if folder.is_some_and(|folder| folder == BEST) { ", best checkpoint" } else { "" };
+    let taken = if asked.deterministic { ", deterministic" } else { "" };
+    format!("{place}{objects}, {episodes}{best}{taken}")
 }
 
 pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Option<String> {

@@ -128,14 +128,12 @@ pub fn rows(report: &Report, least: usize) -> (Vec<Vec<String>>, Vec<String>) {
     };
     let found = || of_groups(report).filter(|(_, result)| result.seeds.len() >= least);
     let rows = found().map(row).collect();
-    let starred: BTreeSet<_> = found().filter(|(group, _)| group.label.contains('*')).map(starred).collect();
-    let made = made.into_iter().map(|how| format!("in brackets: {how}"));
-    (rows, made.chain(starred).collect())
-}
-
-/// What a group with a star has other than its preset.
-fn starred((GroupReport { label, preset, differences, .. }, _): (&GroupReport, &FieldResult)) -> String {
-    format!("{label} is the preset {preset} with {}", differences.join("; "))
+    let starred = found().map(|(group, _)| group).filter(|group| group.label.contains('*'));
+    let other = |GroupReport { label, preset, differences, .. }: &GroupReport| {
+        format!("{label} is the preset {preset} with {}", differences.join("; "))
+    };
+    let other: BTreeSet<String> = starred.map(other).collect();
+    (rows, made.into_iter().map(|how| format!("in brackets: {how}")).chain(other).collect())
 }
 
 /// The interval of a mean, and how it was made. Those over episodes say nothing of other seeds.

@@ -82,11 +82,6 @@ impl Rollout {
         }
     }
 
-    /// Frames/s from the beginning of the run to its end.
-    pub(crate) fn mean_per_s(&self) -> Option<f64> {
-        (self.elapsed_s > 0.0).then(|| self.frames as f64 / self.elapsed_s)
-    }
-
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.metrics.names().chain(self.frames_per_s.map(|_| FRAMES_PER_S)).chain([ELAPSED_S])
     }
