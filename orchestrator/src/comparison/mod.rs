@@ -87,7 +87,7 @@ impl Comparison {
         }
         for group in groups.iter().filter(|group| group.len() > 1) {
             let names: Vec<&str> = group.iter().map(|&run| self.runs[run].as_str()).collect();
-            let name = format!("{}mean of {}", begin_of(&names), group.len());
+            let name = mean_of(&names);
             self.runs.push(name);
             self.configuration.iter_mut().for_each(|row| row.shown.push(String::new()));
             for Row { values, shown, .. } in &mut self.figures {
@@ -145,13 +145,17 @@ fn with_values(mut table: Vec<Vec<String>>) -> Vec<Vec<String>> {
     (0..table.len()).filter(|&at| !is_empty(at)).map(|at| table[at].clone()).collect()
 }
 
-/// What all these paths begin with: their folder, or in it a name without its seed, as in `runs/demo, `.
-fn begin_of(paths: &[&str]) -> String {
+/// What the mean of these is called: by their name without the seed, `runs/demo, mean of 2`, or by all of their names.
+fn mean_of(paths: &[&str]) -> String {
     let is_same = |at: &usize| paths.iter().all(|path| path.as_bytes().get(*at) == paths[0].as_bytes().get(*at));
     let length = (0..paths[0].len()).take_while(is_same).count();
     match paths[0].get(..length).and_then(|begin| begin.rsplit_once('-')) {
-        Some((name, end)) if !end.contains('/') => format!("{name}, "),
-        _ => paths[0][..paths[0].rfind('/').map_or(0, |at| at + 1)].to_owned(),
+        Some((name, end)) if !end.contains('/') => format!("{name}, mean of {}", paths.len()),
+        _ => {
+            let (folder, _) = paths[0].split_at(paths[0].rfind('/').map_or(0, |at| at + 1));
+            let names: Vec<&str> = paths.iter().map(|path| path.rsplit('/').next().unwrap_or(path)).collect();
+            format!("{folder}mean of {}", names.join(", "))
+        }
     }
 }
 
@@ -195,7 +199,7 @@ mod tests {
         assert_eq!(with_means.runs[4..], ["runs/a, mean of 3"]);
         let shown: Vec<&str> = with_means.figures.iter().map(|row| row.shown[4].as_str()).collect();
         assert_eq!(shown, ["", "3,500", "30.0%", "0.500", "1 min 30 s", ""]);
-        assert_eq!(begin_of(&["runs/one", "runs/other"]), "runs/");
+        assert_eq!(mean_of(&["runs/one", "runs/other"]), "runs/mean of one, other");
     }
 
     #[test]
