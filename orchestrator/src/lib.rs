@@ -128,7 +128,7 @@ pub fn main(version: &'static str) -> ExitCode {
     });
     let result = result.and_then(|code| output::terminal::demand_written().map(|()| code));
     result.unwrap_or_else(|error| {
-        output::terminal::note(&format!("error: {error:#}{}", command::tips::of_key(&error)));
+        output::terminal::note(&format!("error: {}", command::tips::told(&error)));
         ExitCode::from(if wrong::is_wrong(&error) { 2 } else { 1 })
     })
 }

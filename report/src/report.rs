@@ -70,6 +70,8 @@ pub struct RunReport {
     pub seed: u64,
     pub frames: u64,
     pub budget: u64,
+    /// The mean over its training, updates included.
+    pub frames_per_s: Option<f64>,
     pub evaluations: Vec<String>,
 }
 
@@ -259,6 +261,11 @@ impl RunReport {
             seed: run.config.seed,
             frames: run.rollouts.last().map_or_else(|| evaluated_frames(run), |rollout| rollout.frames),
             budget: proto::stage::total_frames(&run.config.stages),
+            frames_per_s: run
+                .rollouts
+                .last()
+                .map(|last| last.frames as f64 / last.elapsed_s)
+                .filter(|rate| rate.is_finite()),
             evaluations: run.evaluations.iter().map(|evaluated| evaluated.name.clone()).collect(),
         }
     }

@@ -121,6 +121,8 @@ fn of_one_seed_nothing_is_said_of_seeds_and_each_stage_has_its_figures() {
     // All say one and the same return.
     let shown = "document.querySelector('[data-figure=\"episode/return\"] output').textContent";
     assert_eq!(browser.value(shown), "8.11 · newest tenth");
+    let rate = "document.querySelector('[data-figure=\"time/frames_per_second\"] output').textContent";
+    assert_eq!(browser.value(rate), "2,100 · mean");
     browser.resize(400, 800);
     assert_eq!(browser.value("document.documentElement.scrollWidth <= innerWidth"), true);
     assert_eq!(browser.value("document.querySelector('#differences')"), Value::Null);
@@ -132,6 +134,31 @@ fn of_one_seed_nothing_is_said_of_seeds_and_each_stage_has_its_figures() {
     browser.wait_for(axis);
 }
 
+#[test]
+fn runs_of_several_tasks_share_no_axis_and_no_table() {
+    let Some(mut browser) = Browser::start() else { return };
+    let mut other = run("point-nav-demo", 1, (0.8, 0.5));
+    other.evaluations.clear();
+    let runs = [run("disturb-two-stage", 1, (0.8, 0.5)), run("disturb-two-stage", 2, (0.8, 0.5)), other];
+    let report = Report::of(&runs, &Options::default(), Vec::new()).expect("sound runs");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    open(&mut browser, folder.path(), &report, &json!([]));
+    let titles = "[...document.querySelectorAll('[id^=training] h2')].map((one) => one.textContent)";
+    assert_eq!(browser.value(titles), json!(["Learning curves, arm point nav", "Learning curves, point nav"]));
+    let curves =
+        "[...document.querySelectorAll('[data-figure=\"episode/return\"] .chart')].map(({ ariaLabel }) => ariaLabel)";
+    let curves = browser.value(curves);
+    let names = ["disturb-two-stage", "point-nav-demo-1"];
+    for (at, name) in names.iter().enumerate() {
+        let label = curves[at].as_str().expect("a chart");
+        assert!(!label.contains(names[1 - at]), "{name}: {label}");
+    }
+    let empty = "for (const table of document.querySelectorAll('#results table')) \
+        [...table.tHead.rows[0].cells].forEach((head, at) => { if ([...table.tBodies[0].rows].every((row) => !row.cells[at].textContent)) found.push(head.textContent); })";
+    assert_eq!(findings(&mut browser, empty), [""; 0], "every column has a figure");
+    assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
+}
+
 fn the_numbers_are_on_the_page(browser: &mut Browser, report: &Report, folder: &Path) {
     let group = &report.groups[0];
     let success = group.results[0].metrics["success"].mean;
@@ -139,7 +166,7 @@ fn the_numbers_are_on_the_page(browser: &mut Browser, report: &Report, folder: &
     let percent = |share: f64| format!("{:.1}", 100.0 * share);
     let cell = browser.value("document.querySelector('#results tbody td:nth-child(4)').innerText");
     let expected =
-        format!("{}%\n{}\u{a0}–\u{a0}{}", percent(success.point), percent(interval.low), percent(interval.high));
+        format!("{}%\n{}\u{a0}–\u{a0}{}%", percent(success.point), percent(interval.low), percent(interval.high));
     assert_eq!(cell, expected.as_str());
     let chart = "#success-test-novel .save";
     let table = browser.download(&format!("{chart}:nth-child(2)"), folder, "sr-test-novel-objects.csv");
@@ -183,7 +210,7 @@ fn a_page_says_what_is_missing_and_runs_no_script_of_its_data() {
     ] {
         assert!(missing.as_str().is_some_and(|missing| missing.contains(said)), "{said}: {missing}");
     }
-    assert!(missing.as_str().is_some_and(|missing| missing.contains("orchestrator eval RUN --record all")));
+    assert!(missing.as_str().is_some_and(|missing| missing.contains("stillroom eval RUN --record all")));
     // A table of the paper stands where a group is in one.
     assert_eq!(browser.value("document.querySelectorAll('tr.absent').length"), 0);
     let open = browser.value("[...document.querySelectorAll('details[open]')].map((one) => one.id)");
@@ -192,12 +219,14 @@ fn a_page_says_what_is_missing_and_runs_no_script_of_its_data() {
         browser.value("[document.title, document.querySelectorAll('img').length]"),
         json!(["Stillroom report", 0])
     );
-    // Of somebody's environments, by the wheel's program.
-    let data = json!({ "report": report, "program": "stillroom", "drawn": false, "labelled": false, "episodes": [] });
+    // Of somebody's environments, by another name of the program; a picture that is missing is no matter of trust.
+    let note = "`orchestrator replay RUN` makes films of it";
+    let data = json!({ "report": report, "program": "orchestrator", "drawn": false, "labelled": false, "episodes": [], "undrawn": [note] });
     let path = folder.path().join("other.html");
     std::fs::write(&path, view::page::report(&data.to_string(), "")).expect("a writable folder");
     browser.open(&format!("file://{}", path.display()));
-    browser.wait_for("document.querySelector('#missing')?.textContent.includes('(stillroom eval RUN)')");
+    browser.wait_for("document.querySelector('#missing')?.textContent.includes('(orchestrator eval RUN)')");
+    assert_eq!(browser.value("document.querySelector('#missing code').textContent"), "orchestrator replay RUN");
     let missing = browser.value("document.querySelector('#missing').textContent");
     for other in ["--record all", "Prediction"] {
         assert!(missing.as_str().is_some_and(|missing| !missing.contains(other)), "{other}: {missing}");

@@ -45,7 +45,7 @@ export class Curves {
   /** `sources`: each a name, the task's metrics, stages (name and first frame), perhaps the paper's levels by metric, the
    * budget in frames, and the means over the newest tenth of the newest stage by metric, that of the return by its figure, and `of(figure, axis)`, which is
    * the columns x, y, stage, and perhaps frames, low and high. `smoothed`: what a value of a smoothed curve is called; `most`: where the axes of shares end. */
-  constructor(sources, { axes = ["frames", "time"], key = "curves", smoothed = "smoothed", most, hidden = new Set(), signal } = {}) {
+  constructor(sources, { title = "Learning curves", axes = ["frames", "time"], key = "curves", smoothed = "smoothed", most, hidden = new Set(), signal } = {}) {
     Object.assign(this, { sources, smoothed, most, hidden, signal, charts: new Map() });
     this.settings = { weight: 0.5, axis: "frames", raw: true, more: false, ...remembered(key, {}) };
     this.grid = h("div", { class: "grid" });
@@ -55,8 +55,8 @@ export class Curves {
     const axis = h("select", { onchange: () => set({ axis: axis.value }) }, axes.map((word) => h("option", { value: word, selected: this.settings.axis === word }, word)));
     if (!axes.includes(this.settings.axis)) [this.settings.axis] = axes;
     this.keys = h("div", { class: "legend small" });
-    this.element = h("section", { "aria-label": "Learning curves" },
-      h("div", { class: "row between" }, h("h2", {}, "Learning curves"),
+    this.element = h("section", { "aria-label": title },
+      h("div", { class: "row between" }, h("h2", {}, title),
         h("div", { class: "row controls" }, h("label", {}, "smooth", weight), h("label", {}, box("raw"), "raw"), axes.length > 1 ? h("label", {}, "over", axis) : null, h("label", {}, box("more"), "more"))),
       this.keys, this.grid);
     this.draw();
@@ -70,7 +70,7 @@ export class Curves {
     for (const [name, title, options, metric] of [...measures(metrics), ...(more ? MORE : [])]) {
       const scaled = (columns) => (options.per && columns.y ? { ...columns, ...Object.fromEntries(["y", "low", "high"].map((key) => [key, columns[key]?.map((value) => value / options.per)])) } : columns);
       // The task's own figure is the return where it has no other.
-      if (name === "episode/return" && metrics.some((other) => this.sources.every((source) => isSame(source.of(`episode/${other.name}`, axis)?.y, source.of(name, axis)?.y)))) continue;
+      if (name === "episode/return" && metrics.some((other) => this.sources.every((source) => !source.of(name, axis)?.y || isSame(source.of(`episode/${other.name}`, axis)?.y, source.of(name, axis)?.y)))) continue;
       const all = this.sources.map((source, index) => ({ source, index, ...scaled(source.of(name, axis)) })).filter(({ y, source }) => y?.length && !this.hidden.has(source.name));
       if (!all.length) continue;
       let chart = this.charts.get(name);

@@ -3,7 +3,15 @@
 const SVG = "http://www.w3.org/2000/svg";
 
 /** A number stays on the line of its unit, and with its own digits. */
-const tight = (child) => (typeof child === "string" ? child.replace(/(\d) (?=(?:m|s|min|h|d|[MG]iB)(?!\w))/g, "$1\u00a0") : child);
+const tight = (text) => text.replace(/(\d) (?=(?:m|s|min|h|d|[MG]iB)(?!\w))/g, "$1\u00a0");
+
+/** A text's commands, which stand in backticks, begin with the name by which the program was called. */
+const marked = (child) => {
+  if (typeof child !== "string") return child;
+  const parts = child.split("`");
+  if (parts.length % 2 === 0) return tight(child);
+  return parts.map((part, at) => (at % 2 ? h("code", {}, part.replace(/^orchestrator(?= )/, app.program)) : tight(part)));
+};
 
 function fill(element, properties, children) {
   for (const [name, value] of Object.entries(properties ?? {})) {
@@ -17,7 +25,7 @@ function fill(element, properties, children) {
   return element;
 }
 
-const there = (children) => children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false).map(tight);
+const there = (children) => children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false).flatMap(marked);
 
 export const h = (tag, properties, ...children) => fill(document.createElement(tag), properties, children);
 export const svg = (tag, properties, ...children) => fill(document.createElementNS(SVG, tag), properties, children);
@@ -78,7 +86,7 @@ export function hand(blob, name) {
 }
 
 /** The name by which the program was called. */
-export const app = { program: "orchestrator" };
+export const app = { program: "stillroom" };
 
 let token = "";
 // Storage is of one origin: no other port of the machine reads it, as it would get a cookie.
@@ -164,7 +172,7 @@ export function waiting(text, signal) {
     if (signal.aborted || (shown && !element.isConnected)) clearInterval(timer);
     else { const seconds = Math.floor((performance.now() - begun) / 1000); taken.textContent = seconds ? ` … ${seconds} s` : ""; }
   }, 1000);
-  const renew = (other) => { words.textContent = other; taken.textContent = ""; begun = performance.now(); };
+  const renew = (other) => { replace(words, other); taken.textContent = ""; begun = performance.now(); };
   return { words, element, renew };
 }
 

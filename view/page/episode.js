@@ -3,6 +3,7 @@
 import { app, ask, command, h, hand, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { Chart, look } from "./chart.js";
 import { legend } from "./curves.js";
+import { neighbours } from "./episodes.js";
 import { film, kinds } from "./film.js";
 import { count, number, outcome, percent, quantity, reached, words } from "./format.js";
 import { EDGE, Stage, Strip, besides, explained, limit } from "./stage.js";
@@ -48,6 +49,7 @@ class Player {
     if (event.key in steps && !(onControl && onControl !== this.range)) { event.preventDefault(); this.go(this.step + steps[event.key]); }
     else if (event.key === " " && !onControl) { event.preventDefault(); this.toggle(); }
     else if (event.key === "d" || event.key === "D") this.go(this.nextDisturbance());
+    else if ("pn".includes(event.key)) document.querySelector(`a[rel=${event.key === "p" ? "prev" : "next"}]`)?.click();
   }
 
   /** The next step at which something was displaced further, round to the first. */
@@ -150,19 +152,23 @@ export async function showEpisode(root, run, key, query, signal, named) {
   named(key);
   const opened = waiting("The kitchen is built, and the episode simulated again", signal);
   replace(root, opened.element);
-  const stage = await Stage.open(run, key, signal, (why) => { opened.words.textContent = why; });
+  const stage = await Stage.open(run, key, signal, (why) => replace(opened.words, why));
   named(stage.called());
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
+  const link = (text, rel, other) => other && h("a", { href: `#/run/${encodeURIComponent(run)}/episode/${other}`, rel, title: `key: ${rel[0]}` }, text);
+  const beside = h("div", { class: "row", role: "navigation", "aria-label": "Other episodes" });
+  neighbours(run, key, signal).then(([before, after]) => replace(beside, link("Previous episode", "prev", before), link("Next episode", "next", after)), () => {});
+  const title = h("div", { class: "row between" }, stage.title(), beside);
   const { film, filmed } = stage.episode;
   const curves = stage.isPictured ? [] : channelCurves(stage, signal);
   const drawn = filmed ? await drawnFilm(stage) : null;
   player.shown = (step) => [drawn, ...curves].forEach((one) => one?.show(step));
-  if (!stage.isPictured) replace(root, stage.title(), stage.problem,
+  if (!stage.isPictured) replace(root, title, stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" }, drawn?.element, player.element, h("section", { class: "card" }, stage.words, stage.parts)),
       h("div", { class: "side" }, h("section", { class: "card" }, stage.channels), curves.map(({ element }) => element))),
     film && !filmed && h("p", { class: "small soft" }, "its film, drawn by its own environment: ", command(film)));
-  else replace(root, stage.title(), stage.problem,
+  else replace(root, title, stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },
         h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), stage.proof())),
@@ -195,7 +201,7 @@ function difference(stages) {
 export async function showCompare(root, runs, query, signal) {
   const searched = waiting("Episodes that both have are looked for", signal);
   replace(root, searched.element);
-  const tell = (why) => { searched.words.textContent = why; };
+  const tell = (why) => replace(searched.words, why);
   const find = () => json(`/api/runs/${encodeURIComponent(runs[0])}/pairs/${encodeURIComponent(runs[1])}`, { signal, waits: tell });
   let [found, cards] = await Promise.all([find(), json("/api/runs", { signal })]);
   const chosen = /^[\d-]+~[\d-]+$/.test(query.get("episode") ?? "") ? query.get("episode") : null;

@@ -8,6 +8,19 @@ import { paintEnd } from "./stage.js";
 const COLUMNS = [["Kitchen", "kitchen", "optional"], ["Episode", "episode", ""], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Length", "length", "number optional"]];
 const PAGE = 50;
 
+/** The episodes of a run as the table last showed them. */
+let listed = { keys: [] };
+
+/** The episodes before and after one in the table as it was last shown, else among the newest of its kitchen. */
+export async function neighbours(run, key, signal) {
+  if (listed.run !== run || !listed.keys.includes(key)) {
+    const { rows } = await json(`/api/runs/${encodeURIComponent(run)}/episodes?recorded=true&kitchen=${key.split("-")[0]}&limit=500`, { signal });
+    listed = { run, keys: rows.map((row) => row.key) };
+  }
+  const at = listed.keys.indexOf(key);
+  return [listed.keys[at - 1], at < 0 ? undefined : listed.keys[at + 1]];
+}
+
 export async function showEpisodes(root, run, query, signal) {
   const asked = { source: "", kitchen: "", target: "", outcome: "", recorded: "", range: "length", least: "", most: "", sort: "", descending: "", offset: "0" };
   for (const name of Object.keys(asked)) if (query.has(name)) asked[name] = query.get(name);
@@ -106,6 +119,7 @@ export async function showEpisodes(root, run, query, signal) {
       card ??= (await json(`/api/runs/${encoded}`, { signal })).card;
       const page = await json(`/api/runs/${encoded}/episodes?${search}`, { signal });
       if (mine !== latest || signal.aborted) return;
+      listed = { run, keys: page.rows.map((each) => each.key).filter(Boolean) };
       const offset = Number(asked.offset);
       back.disabled = offset === 0;
       on.disabled = offset + PAGE >= page.matching;

@@ -4,13 +4,19 @@ const missing = "–";
 const known = (value) => value !== null && value !== undefined && Number.isFinite(value);
 
 export const count = (value) => (known(value) ? Math.round(value).toString().replace(/\B(?=(\d{3})+(?!\d))/g, ",") : missing);
-export const percent = (share, digits = 1) => (known(share) ? `${(100 * share).toFixed(digits)}%` : missing);
+export const percent = (share, digits = 1) => (known(share) ? `${fixed(100 * share, digits)}%` : missing);
+/** The digits of the terminal, which rounds a half to the even one. */
+function fixed(value, digits) {
+  const [text, exact] = [value.toFixed(digits), value.toFixed(60)];
+  const end = exact.indexOf(".") + 1 + digits;
+  return /^50*$/.test(exact.slice(end)) && Number(text.at(-1)) % 2 ? exact.slice(0, digits ? end : -61) : text;
+}
 /** A share as a percentage that is never more than there is. */
 export const reached = (share) => percent(Math.floor(100 * share) / 100, 0);
-export const metres = (value, digits = 3) => (known(value) ? `${value.toFixed(digits)} m` : missing);
+export const metres = (value, digits = 3) => (known(value) ? `${fixed(value, digits)} m` : missing);
 const minus = (text) => text.replace(/^-/, "−");
 /** Never "-0.00". */
-export const number = (value, digits = 2) => (known(value) ? minus(value.toFixed(digits).replace(/^-(?=[0.]*$)/, "")) : missing);
+export const number = (value, digits = 2) => (known(value) ? minus(fixed(value, digits).replace(/^-(?=[0.]*$)/, "")) : missing);
 /** A figure without its unit: the digits are those of the terminal. */
 export const bare = ({ kind, unit }, value) => (kind === "share" ? percent(value) : number(value, { m: 3, steps: 1 }[unit] ?? 2));
 /** A metric's mean: a share as a percentage, a value with its unit. */

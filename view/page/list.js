@@ -14,8 +14,15 @@ export function named({ suite, id, folder }, isBeside = false) {
 /** Where the page of a run's suite is. */
 export const suiteAddress = ({ suite, suite_standing: standing }) => `#/suite/${encodeURIComponent(suite)}${standing ? `?folder=${encodeURIComponent(standing.folder)}` : ""}`;
 
-/** What it trains or evaluates. */
-export const about = ({ task, preset, seed }) => [task, preset, `seed ${seed}`].filter(Boolean).join(" · ");
+/** What it trains, or the episodes that it evaluates. */
+export const about = ({ task, preset, seed, asked }) => asked ?? [task, preset, `seed ${seed}`].filter(Boolean).join(" · ");
+
+/** A link to a run or an evaluation, and beneath what it is; of an evaluation that stands below its run (`isOfRun`) its episodes, and
+ * beneath its name. */
+export function titled(card, isBeside = false, isOfRun = false) {
+  const [first, second] = isOfRun && card.asked ? [card.asked, card.folder.split("/").at(-1)] : [named(card, isBeside), about(card)];
+  return [h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, first), h("div", { class: "faint small" }, card.evaluation ? "evaluation · " : null, second)];
+}
 
 export function progress(share, label) {
   const width = `${(100 * Math.min(1, Math.max(0, share || 0))).toFixed(2)}%`;
@@ -36,7 +43,7 @@ function groups(cards) {
   return [...all.values()].map((group) => [...new Set([...group.filter((card) => !owner.get(card)).flatMap(whole), ...group])]);
 }
 
-/** Means over the seeds of each kind of a suite's runs: of its evaluations, or of training where it has none. */
+/** Means over the seeds of each kind of a suite's runs: of its evaluations, in words `asked`, or of training where it has none. */
 export function means(group) {
   const ended = group.filter((card) => card.evaluation && card.state === "complete");
   const kinds = new Map();
@@ -49,10 +56,12 @@ export function means(group) {
   }
   return [...kinds].map(([key, seeds]) => {
     const [what, evaluation] = JSON.parse(key);
-    const [{ metrics }] = seeds;
-    const over = (name) => { const known = seeds.map(({ figures }) => figures[name]).filter((value) => value !== undefined); return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : undefined; };
-    const figures = Object.fromEntries(metrics.map(({ name, quotient }) => [name, quotient ? over(quotient[0]) / over(quotient[1]) : over(name)]));
-    return { what, evaluation, seeds, of: `mean of ${seeds.length} ${seeds.length === 1 ? "seed" : "seeds"}, ${evaluation ?? "training"}`, metrics, figures };
+    const [{ metrics, asked }] = seeds;
+    const mean = (of) => { const known = seeds.map(of).filter((value) => value !== undefined && value !== null); return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : undefined; };
+    const over = (name) => mean(({ figures }) => figures[name]);
+    const all = Object.fromEntries(Object.keys(seeds[0].figures).map((name) => [name, over(name)]));
+    const shown = Object.fromEntries(metrics.map(({ name, quotient }) => [name, quotient ? over(quotient[0]) / over(quotient[1]) : over(name)]));
+    return { what, evaluation, asked, seeds, of: `mean of ${seeds.length} ${seeds.length === 1 ? "seed" : "seeds"}: ${asked ?? "training"}`, metrics, figures: { ...all, ...shown }, frames_per_s: mean((one) => one.frames_per_s) };
   });
 }
 
@@ -96,7 +105,7 @@ export async function showList(root, query, signal) {
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
     const sorted = [...cards].sort((a, b) => compare(value(a), value(b)));
-    replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && [heading(group[0]), means(group).map(mean)], ...group.map(row)]));
+    replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && [heading(group[0]), means(group).filter(({ seeds }) => seeds.length > 1).map(mean)], ...group.map(row)]));
     fit();
   };
   const sort = () => {
@@ -128,14 +137,13 @@ export async function showList(root, query, signal) {
     });
     const isNested = runOf(card, cards) !== undefined;
     const indent = (card.suite_standing ? 1.5 : 0) + (isNested ? 1.5 : 0);
-    const link = h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card, Boolean(card.suite_standing)));
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const isWhole = card.state === "complete" && card.done >= card.budget;
     const done = `${count(card.done)}${isWhole ? "" : ` of ${count(card.budget)}`} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", { style: { "--indent": `${indent}rem` } },
       h("td", {}, box),
-      h("td", {}, link, h("div", { class: "faint small" }, `${card.evaluation ? "evaluation · " : ""}${about(card)}`)),
+      h("td", {}, titled(card, Boolean(card.suite_standing), isNested)),
       h("td", {}, card.state === "running"
         ? [progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))]
         : h("div", { class: "small whole" }, stateWord(card.state), h("span", { class: "faint" }, `, ${done}`))),
@@ -158,7 +166,7 @@ export async function showList(root, query, signal) {
       hint.hidden = !together.hidden || cards.length < 2;
       // Rows are new elements: the keyboard stays where it was.
       if (focused) body.querySelector(`[aria-label="${CSS.escape(focused)}"], [href="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
-      empty.textContent = cards.length ? "" : `No run yet. Start one with \`${app.program} up\`: it appears here.`;
+      replace(empty, cards.length ? null : `No run yet. Start one with \`${app.program} up\`: it appears here.`);
     } catch (error) {
       if (!signal.aborted) { shown = ""; replace(body, h("tr", {}, h("td", { colSpan: 4 + metrics.length }, notice(error.message, "error")))); }
     }

@@ -7,8 +7,9 @@ import { Curves, legend } from "./curves.js";
 
 /** `test-novel-best` in words. */
 function fieldName(key) {
-  const known = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", best: "best checkpoint" };
-  return key.split("-").map((word) => known[word] ?? word).join(", ");
+  const known = { novel: "novel objects", seen: "seen objects", drawn: "drawn episodes", seeds: "episodes of fixed seeds", best: "best checkpoint" };
+  // Those of scenes and of procedural kitchens are always drawn.
+  return key.replace(/^((?:scenes|procedural).*?)(-best)?$/, "$1-drawn$2").split("-").map((word) => known[word] ?? word).join(", ");
 }
 
 /** Fewer episodes than this say nothing of what a policy does when, nor of what it foretells. */
@@ -51,20 +52,23 @@ const section = (id, title, ...content) => h("section", { id, class: "stack" }, 
 const says = (...text) => h("p", { class: "small soft wide" }, text);
 
 class Page {
-  constructor(root, { made, program = app.program, drawn = true, labelled = true, report, episodes, differences = [] }) {
-    Object.assign(this, { program, drawn, labelled, report, episodes, differences, hidden: new Set(), missing: [] });
+  constructor(root, { made, program = app.program, drawn = true, labelled = true, report, episodes, undrawn = [], differences = [] }) {
+    Object.assign(app, { program });
+    Object.assign(this, { program, drawn, labelled, report, episodes, differences, hidden: new Set(), missing: [...undrawn] });
     // Where each group is one run it is called so, and nothing is said of means over seeds.
     this.seeds = report.groups.some(({ runs }) => runs.length > 1);
     this.group = this.seeds ? "group" : "run";
+    this.several = Object.keys(report.tasks).length > 1;
     this.names = report.groups.map(({ label }) => label);
     this.results = report.groups.flatMap((group, index) => group.results.map((result) => ({ group, index, result })));
+    this.averaged = this.results.some(({ result }) => result.seeds.length > 1);
     this.hasRates = this.results.some(({ result: { rates } }) => Object.keys(rates).length);
     this.fields = [...new Set(report.comparisons.map(({ field }) => field).concat(this.results.map(({ result }) => result.field)))];
     this.fields = this.fields.filter((field) => this.results.some(({ result }) => result.field === field));
     this.keys = h("div", { class: "legend small" });
     this.redraws = [];
     const opening = [this.headline(), this.differing(), this.strips()];
-    const parts = [this.evaluated(), this.comparisons(), this.stages(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].filter(Boolean);
+    const parts = [this.evaluated(), this.comparisons(), this.stages(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].flat().filter(Boolean);
     const several = this.names.length > 1;
     replace(root, h("div", { class: "stack report" },
       h("div", { class: "row between" }, h("h1", {}, "Report"), h("span", { class: "small soft" }, made)),
@@ -133,13 +137,17 @@ class Page {
 
   /** The settings that are not the same in all groups. */
   differing() {
-    const text = (one) => (one === null ? "–" : typeof one === "string" ? one : Number.isInteger(one) ? count(one) : JSON.stringify(one));
+    const text = (one) => (one === null ? "–" : typeof one === "string" ? one : Number.isInteger(one) ? count(one) : typeof one === "object" ? Object.entries(one).map(([key, part]) => (Array.isArray(one) ? text(part) : `${key} ${text(part)}`)).join(", ") : String(one));
     const value = (one) => (text(one).length > 40 ? `${text(one).slice(0, 39)}…` : text(one));
-    // More columns than three do not fit.
-    const listed = (values) => [values.map((one, at) => `${this.names[at]}: ${value(one)}`).join("; ")];
-    const [heads, cells] = this.names.length > 3 ? [["values"], listed] : [this.names, (values) => values.map(value)];
-    const rows = this.differences.map(({ name, values }) => [h("code", {}, name), ...cells(values)]);
-    return rows.length ? section("differences", "What differs", table(["setting", ...heads], plain(rows))) : null;
+    // Runs of several tasks differ in nearly all.
+    const tables = this.byTask(this.report.groups.map((group, at) => ({ group, at }))).map(([task, some]) => {
+      const names = some.map(({ group }) => group.label);
+      // More columns than three do not fit.
+      const [heads, cells] = names.length > 3 ? [["values"], (values) => [values.map((one, at) => `${names[at]}: ${value(one)}`).join("; ")]] : [names, (values) => values.map(value)];
+      const rows = this.differences.map(({ name, values }) => [name, some.map(({ at }) => values[at])]).filter(([, values]) => !this.several || new Set(values.map((one) => JSON.stringify(one))).size > 1);
+      return rows.length ? [this.several ? h("h3", {}, words(task)) : null, table(["setting", ...heads], plain(rows.map(([name, values]) => [h("code", {}, name), ...cells(values)])))] : [];
+    }).flat();
+    return tables.length ? section("differences", "What differs", tables) : null;
   }
 
   /** The metrics of a task that are printed and that a result has, in the order of the declaration. */
@@ -151,16 +159,16 @@ class Page {
   /** What a mean of a field is over: episodes of fixed seeds are in no kitchen. */
   samples(field) {
     const fixed = /-seeds(-best)?$/.test(field);
-    return this.seeds ? `seeds${fixed ? "" : " and kitchens"}` : fixed ? "episodes" : "kitchens";
+    return this.averaged ? `seeds${fixed ? "" : " and kitchens"}` : fixed ? "episodes" : "kitchens";
   }
 
   /** Every group in every field. */
   evaluated() {
-    if (!this.results.length) return this.none(`Results: none of these runs has been evaluated yet (${this.program} eval RUN).`);
+    if (!this.results.length) return this.none(`Results: none of these runs has been evaluated yet (\`${this.program} eval RUN\`).`);
     const metrics = ([task, found]) => {
       const { ranking } = this.report.tasks[task];
       const printed = this.printed(task, found[0].result);
-      const both = (one) => this.seeds && ranking.includes(one.name);
+      const both = (one) => ranking.includes(one.name) && found.some(({ result }) => result.seeds.length > 1);
       const heads = printed.flatMap((one) => (both(one) ? [`#${heading(one)}, mean`, `#${heading(one)}, IQM`] : [`#${heading(one)}`]));
       const row = ({ group, result }) => [group.label, ...(this.seeds ? [count(result.seeds.length)] : []), count(result.pooled.episodes),
         ...printed.flatMap((one) => [estimate(one, meanOf(result, one)), ...(both(one) ? [result.seeds.length > 1 ? estimate(one, result.metrics[one.name].iqm) : ""] : [])])];
@@ -176,8 +184,8 @@ class Page {
       return table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row)));
     };
     return section("results", "Results", fields,
-      says(this.seeds ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds agree, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
-        : `Means over ${this.samples(this.fields[0])}, of one seed.${this.hasRates ? " The 95% interval of a share is Wilson's over the episodes of this seed alone." : ""}${this.results.some(({ result: { intervals } }) => intervals) ? " The 95% interval of another mean is from a bootstrap over them." : ""}`),
+      says(this.averaged ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds agree, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
+        : `Means over ${this.samples(this.fields[0])}, of one seed${this.results.length > 1 ? " each" : ""}.${this.hasRates ? " The 95% interval of a share is Wilson's over the episodes of this seed alone." : ""}${this.results.some(({ result: { intervals } }) => intervals) ? " The 95% interval of another mean is from a bootstrap over them." : ""}`),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further),
       this.byTask(this.results).map(([task]) => this.docs(task)));
   }
@@ -185,7 +193,7 @@ class Page {
   /** What the task says of its figures. */
   docs(task) {
     const described = this.report.tasks[task].described.filter(({ label }) => label);
-    return described.length ? h("details", {}, h("summary", { class: "small" }, `What the columns mean${Object.keys(this.report.tasks).length > 1 ? `, ${words(task)}` : ""}`), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))) : null;
+    return described.length ? h("details", {}, h("summary", { class: "small" }, `What the columns mean${this.several ? `, ${words(task)}` : ""}`), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))) : null;
   }
 
   /** The paper's row that a group stands beside. */
@@ -274,21 +282,30 @@ class Page {
     return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage, all of them where none ended there${this.seeds ? ": means over the seeds of a group" : ""}.`));
   }
 
+  /** Those of each task have axes of their own. */
   curves() {
-    const { groups } = this.report;
+    const { groups, tasks } = this.report;
     const trained = groups.some(({ training }) => training.length);
     if (!trained) return this.none("Learning curves: none of these runs has trained a rollout, or only their evaluations were given (name the runs' own folders, too).");
-    const sources = groups.map(({ label, runs, stages, metrics, training }) => {
+    const source = ({ label, runs, stages, metrics, training }) => {
       const of = new Map(training.map(({ metric, points }) => [metric, columns(points, stages)]));
       const newest = Object.fromEntries(Object.entries(stages.findLast(({ figures }) => Object.keys(figures).length)?.figures ?? {}).map(([metric, value]) => [metric, [value, "newest tenth"]]));
+      const rates = runs.map((run) => run.frames_per_s).filter(Boolean);
+      if (rates.length) newest["time/frames_per_second"] = [rates.reduce((sum, rate) => sum + rate, 0) / rates.length, "mean"];
       return { name: label, metrics, newest, budget: Math.max(...runs.map(({ budget }) => budget)), stages: stages.map(({ name, begins_at: at }) => [name, at]), of: (metric) => of.get(metric) ?? {} };
-    });
-    const curves = new Curves(sources, { axes: ["frames"], key: "report", smoothed: "smoothed bins", most: 1, hidden: this.hidden });
-    curves.keys.hidden = true;
-    this.redraws.push(() => curves.draw());
-    curves.element.id = "training";
-    curves.element.append(says(`Training episodes in bins of an eightieth of the run${this.spread()}; faint, without smoothing, which begins anew with each stage. The return is under the reward of the stage, so it jumps where the reward changes. While a run stands still no time passes.`));
-    return curves.element;
+    };
+    const made = Object.keys(tasks).map((task) => {
+      // All groups, which have their colours by their places.
+      const sources = groups.map((group) => (group.task === task ? source(group) : { name: group.label, metrics: [], stages: [], of: () => ({}) }));
+      const title = `Learning curves${this.several ? `, ${words(task)}` : ""}`;
+      const curves = new Curves(sources, { title, axes: ["frames"], key: "report", smoothed: "smoothed bins", most: 1, hidden: this.hidden });
+      curves.keys.hidden = true;
+      this.redraws.push(() => curves.draw());
+      curves.element.id = this.several ? `training-${task}` : "training";
+      return curves;
+    }).filter(({ charts }) => charts.size).map(({ element }) => element);
+    made.at(-1).append(says(`Training episodes in bins of an eightieth of the run${this.spread()}; faint, without smoothing, which begins anew with each stage. The return is under the reward of the stage, so it jumps where the reward changes. While a run stands still no time passes.`));
+    return made;
   }
 
   /** What curves over training show of several seeds. */
@@ -318,15 +335,15 @@ class Page {
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;
-    return section("limits", "Success by threshold", parts, says(`Mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}.`));
+    return section("limits", "Success by threshold", parts, says(`Mean over ${this.samples(this.fields[0])}${this.averaged ? " with 95% stratified-bootstrap intervals" : ""}.`));
   }
 
   /** One episode of each run, as two policies play it where both were recorded. */
   strips() {
     // Only kitchens are drawn here.
     if (!this.drawn) return null;
-    const staged = this.report.groups.some(({ stages }) => stages.length > 1) ? ` Before and after stage II: evaluate the checkpoint at stage I's end, too (${this.program} eval RUN/checkpoints/rollout-NUMBER.json --record all).` : "";
-    if (!this.episodes.length) return this.none(`One episode in pictures: no run has a recorded evaluation (${this.program} eval RUN --record all).${staged}`);
+    const staged = this.report.groups.some(({ stages }) => stages.length > 1) ? ` Before and after stage II: evaluate the checkpoint at stage I's end, too (\`${this.program} eval RUN/checkpoints/rollout-NUMBER.json --record all\`).` : "";
+    if (!this.episodes.length) return this.none(`One episode in pictures: no run has a recorded evaluation (\`${this.program} eval RUN --record all\`).${staged}`);
     const pictures = ({ caption, strips }, index) => {
       const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
         h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.map((each, at) => [at ? ", " : "", h("span", { style: { "white-space": "nowrap" } }, each)]))))))),
@@ -352,7 +369,7 @@ class Page {
       made.show({ series, most: 1 });
       return made.element;
     };
-    return section("sweep", "Weights of rewards", h("div", { class: "grid" }, sweeps.map(chart)), says(`Runs that differ in one weight of their rewards only: mean over ${this.samples(this.fields[0])}${this.seeds ? " with 95% stratified-bootstrap intervals" : ""}. Dashed: the second of the metrics.`));
+    return section("sweep", "Weights of rewards", h("div", { class: "grid" }, sweeps.map(chart)), says(`Runs that differ in one weight of their rewards only: mean over ${this.samples(this.fields[0])}${this.averaged ? " with 95% stratified-bootstrap intervals" : ""}. Dashed: the second of the metrics.`));
   }
 
   prediction() {
@@ -401,14 +418,14 @@ class Page {
 
   /** Which runs there are, and which of their evaluations count. */
   runs() {
-    const runs = this.report.groups.flatMap(({ label, runs: all }) => all.map((run) => [run.name, ...(this.seeds ? [label] : []), String(run.seed), run.state, count(run.frames), count(run.budget), run.evaluations.join(", ") || "none yet"]));
+    const runs = this.report.groups.flatMap(({ label, runs: all }) => all.map((run) => [run.name, ...(this.seeds ? [label] : []), String(run.seed), run.state, count(run.frames), count(run.budget), count(run.frames_per_s), run.evaluations.join(", ") || "none yet"]));
     const counting = ([task, found]) => {
       const shares = this.printed(task, found[0].result).filter(({ kind }) => kind === "share");
       const rate = (one, { share, interval }) => over(percent(share), range(one, interval));
       const rows = found.flatMap(({ group, result }) => result.seeds.map((seed) => [fieldName(result.field), group.label, String(seed.seed), seed.evaluation, count(seed.frames), count(seed.episodes), ...shares.map((one) => rate(one, seed.rates[one.name])), h("small", { style: { "white-space": "nowrap" } }, seed.weights.slice(0, 12))]));
       return table(["episodes of", this.group, "#seed", "evaluation", "#frames", "#episodes", ...shares.map((one) => `#${one.label}`), "weights"], plain(rows));
     };
-    return section("runs", "Runs and evaluations", table(["run", ...(this.seeds ? ["group"] : []), "#seed", "state", "#frames", "#of", "evaluations"], plain(runs)),
+    return section("runs", "Runs and evaluations", table(["run", ...(this.seeds ? ["group"] : []), "#seed", "state", "#frames", "#of", "#frames/s, mean", "evaluations"], plain(runs)),
       this.results.length ? [h("h3", {}, "The evaluations that count"),
         says("Of several evaluations of a run on the same kind of episodes that of the newest checkpoint counts, then the one with sampled actions, then the one with the most episodes, then the newest; of several seeds one on the same episodes as the others, where there is one.", this.hasRates ? " Beneath a rate: Wilson's 95% interval over this policy's episodes, which says nothing about other seeds." : null),
         this.byTask(this.results).map(counting)] : null);

@@ -3,7 +3,7 @@
 import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
 import { bytes, count, date, duration, figure, number, outcome, percent, reached, kitchenName, short, words } from "./format.js";
-import { about, columnsOf, named, progress, stateWord, suiteAddress } from "./list.js";
+import { about, columnsOf, named, progress, stateWord, suiteAddress, titled } from "./list.js";
 import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
 /** From this share on the recordings are read: of a run at work there are always new ones. */
@@ -285,7 +285,7 @@ function evaluations(cards, { folder }) {
   const own = cards.filter((card) => card.evaluation && !card.problem && card.folder.startsWith(`${folder}/`));
   if (!own.length) return null;
   const { metrics } = own[0];
-  const row = (card) => h("tr", {}, h("td", { "data-head": "Evaluation" }, h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, card.folder.slice(card.folder.lastIndexOf("/") + 1))),
+  const row = (card) => h("tr", {}, h("td", { "data-head": "Evaluation" }, titled(card, true, true)),
     h("td", { class: "number", "data-head": "Episodes" }, count(card.done)), metrics.map((metric, at) => h("td", { class: at > 1 ? "number optional" : "number", "data-head": metric.label }, figure(metric, card.figures[metric.name]))));
   return h("section", { class: "card" }, h("h2", {}, "Evaluations"), h("div", { class: "scroll" }, h("table", { class: "tight fold" },
     h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }, at) => h("th", { scope: "col", class: at > 1 ? "number optional" : "number" }, label)))),
@@ -298,7 +298,7 @@ export function overview(cards, isBeside = false) {
   const state = ({ state: own, standing, why, done, budget, evaluation, left_s: left }) =>
     [stateWord(standing ?? own), why && h("div", { class: "bad small" }, why), budget && h("div", { class: "faint small whole" }, `${count(done)} of ${count(budget)} ${evaluation ? "episodes" : "frames"}${own === "running" && left !== null ? `, ${duration(left)} left` : ""}`)];
   const row = (card) => h("tr", {},
-    h("td", card.evaluation ? { style: { "padding-left": "1.5rem" } } : {}, card.preset ? [h("a", { href: `#/run/${encodeURIComponent(card.id)}` }, named(card, isBeside)), h("div", { class: "faint small" }, about(card))] : card.id),
+    h("td", card.evaluation ? { style: { "padding-left": "1.5rem" } } : {}, card.preset ? titled(card, isBeside, isBeside) : card.id),
     h("td", { "data-head": "Progress" }, state(card)),
     labels.map((label) => { const metric = card.metrics.find((each) => each.label === label); return h("td", { class: "number", "data-head": label }, metric && figure(metric, card.figures[metric.name])); }));
   return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "The runs" },

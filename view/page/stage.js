@@ -467,7 +467,8 @@ export class Stage {
 
   fail(error) {
     if (this.signal.aborted || error.name === "AbortError") return;
-    Object.assign(this.problem, { hidden: false, textContent: error.message });
+    this.problem.hidden = false;
+    replace(this.problem, error.message);
   }
 
   /** Where it was played, and its number there, as in the table of episodes. */

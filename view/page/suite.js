@@ -9,7 +9,8 @@ import { Columns, overview } from "./run.js";
 
 /** The seeds of a group as one curve: their mean, and from the lowest to the highest. */
 class Group {
-  constructor(name, columns) { Object.assign(this, { name, columns }); }
+  /** `newest`: by metric what it came to, and of what that is. */
+  constructor(name, columns, newest) { Object.assign(this, { name, columns, newest }); }
   get metrics() { return this.columns.find(({ metrics }) => metrics.length)?.metrics ?? []; }
   get stages() { return this.columns[0].stages; }
   get paper() { return this.columns[0].paper; }
@@ -24,20 +25,25 @@ class Group {
   }
 }
 
-/** A line for each group: its mean, and beneath that, where the report is of these very seeds, its interval. */
+/** A line for each group: its mean, and beneath that, where the report is of these very seeds, its interval; and what is said of
+ * them. */
 function lines(own, report, place) {
+  const ways = new Set();
   const labels = columnsOf(own);
   const head = ["Group", "Evaluation", "Seeds", ...labels].map((name, at) => h("th", { scope: "col", class: at > 1 ? "number" : null }, name));
-  const line = ({ what, evaluation, seeds, metrics, figures }) => {
+  const line = ({ what, evaluation, asked, seeds, metrics, figures }) => {
     const found = report?.groups.find(({ label }) => label === what)?.results.find((result) => result.seeds.length === seeds.length && result.seeds.every((seed) => seed.evaluation === evaluation));
     const cell = (label) => {
       const metric = metrics.find((each) => each.label === label);
-      const { point, interval } = found?.metrics[metric?.name] ? meanOf(found, metric) : { point: figures[metric?.name] };
+      const { point, interval, way } = found?.metrics[metric?.name] ? meanOf(found, metric) : { point: figures[metric?.name] };
+      if (interval) ways.add(way);
       return h("td", { class: "number", "data-head": label }, metric && figure(metric, point), interval && h("div", { class: "faint small whole" }, range(metric, interval)));
     };
-    return h("tr", {}, h("td", {}, what), h("td", { "data-head": "Evaluation" }, evaluation ?? "none yet: training, newest tenth"), h("td", { class: "number", "data-head": "Seeds" }, count(seeds.length)), labels.map(cell));
+    return h("tr", {}, h("td", {}, what), h("td", { "data-head": "Evaluation" }, asked ?? "none yet: training, newest tenth"), h("td", { class: "number", "data-head": "Seeds" }, count(seeds.length)), labels.map(cell));
   };
-  return h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Groups" }, h("thead", {}, h("tr", {}, head)), h("tbody", {}, means(own).sort((one, other) => place(one) - place(other)).map(line))));
+  const rows = means(own).sort((one, other) => place(one) - place(other)).map(line);
+  return [h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Groups" }, h("thead", {}, h("tr", {}, head)), h("tbody", {}, rows))),
+    h("p", { class: "small faint" }, ways.size ? `Beneath a mean: its 95% interval, as in the report; ${[...ways].join("; ")}.` : "Intervals come with the report, when all runs have ended.", " Curves: of several seeds their mean; shaded, from the lowest seed to the highest.")];
 }
 
 /** The data of a report's page. */
@@ -64,16 +70,19 @@ export async function showSuite(root, name, query, signal) {
       replace(head, h("div", { class: "row between" }, h("div", { class: "row" }, h("h1", {}, `suite ${name}`), h("span", { class: "soft" }, counts)), page && h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: page }, "Report")));
       // In the order of the suite's file.
       const place = ({ what }) => runs.findIndex(({ name: run }) => run === what || run.startsWith(`${what}-`));
-      replace(table, lines(own, report, place), says(report));
+      replace(table, lines(own, report, place));
       const trained = own.filter(({ evaluation, problem }) => !evaluation && !problem);
       const listed = runs.map((run) => ({ ...run, card: trained.find((card) => card.folder.endsWith(`/runs/${run.name}`)) }));
       replace(all, overview(listed.flatMap(({ name: run, state, reason, card }) => (card ? [{ ...card, standing: state, why: reason }, ...own.filter((one) => runOf(one, own) === card)] : [{ id: run, standing: state, why: reason, metrics: [] }])), true));
-      for (const { what, seeds } of means(trained).sort((one, other) => place(one) - place(other))) for (const card of seeds) {
+      const newest = new Map();
+      for (const { what, seeds, figures, frames_per_s: rate } of means(trained).sort((one, other) => place(one) - place(other))) for (const card of seeds) {
+        const tenth = Object.entries(figures).filter(([, value]) => value !== undefined).map(([metric, value]) => [metric, [value, "newest tenth"]]);
+        newest.set(what, { ...Object.fromEntries(tenth), ...(rate && { "time/frames_per_second": [rate, "mean"] }) });
         kinds.set(what, kinds.get(what) ?? new Map());
         if (!kinds.get(what).has(card.id)) kinds.get(what).set(card.id, Object.assign(new Columns(card.id), { budget: card.budget }));
       }
       const columns = [...kinds.values()].flatMap((seeds) => [...seeds.values()]);
-      curves.sources = [...kinds].map(([what, seeds]) => new Group(what, [...seeds.values()]));
+      curves.sources = [...kinds].map(([what, seeds]) => new Group(what, [...seeds.values()], newest.get(what)));
       if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw();
       replace(notes);
     } catch (error) {
@@ -81,5 +90,3 @@ export async function showSuite(root, name, query, signal) {
     }
   });
 }
-
-const says = (report) => h("p", { class: "small faint" }, report?.groups.some(({ results }) => results.length) ? "Beneath a mean: its 95% interval, as in the report." : "Intervals come with the report, when all runs have ended.", " Curves: of several seeds their mean; shaded, from the lowest seed to the highest.");

@@ -98,6 +98,9 @@ pub struct Card {
     /// Of an evaluation which policy plays which episodes, in words.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conditions: Option<String>,
+    /// The same in a few words, without the policy.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub asked: Option<String>,
     pub created_unix_s: u64,
     pub done: u64,
     pub budget: u64,
@@ -105,6 +108,8 @@ pub struct Card {
     /// Their means over the newest tenth of its stage, by name; without those that are not known.
     pub figures: BTreeMap<String, f64>,
     pub left_s: Option<f64>,
+    /// The mean over its training so far, updates included.
+    pub frames_per_s: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     pub problem: Option<String>,

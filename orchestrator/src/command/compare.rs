@@ -9,8 +9,9 @@ use std::path::PathBuf;
 /// Show in what runs or evaluations differ, and what they came to, a column each
 ///
 /// Settings that are the same in all are left out. Figures of a stage are of its last tenth, those of a stage that has
-/// not got there of all of it. Of evaluations under the same conditions the newest counts. It says nothing about
-/// whether a difference is one: `orchestrator report` has intervals over seeds.
+/// not got there of all of it. Of evaluations under the same conditions the newest counts. Runs that differ in the seed
+/// alone have a column more, with the means of their figures. It says nothing about whether a difference is one:
+/// `orchestrator report` has intervals over seeds.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator compare runs/a runs/b

@@ -1,6 +1,6 @@
 use crate::output::format::{self, NOTHING};
 use crate::output::terminal;
-use crate::run::identity::no_folder;
+use crate::run::identity::{no_folder, unix_now};
 use crate::viewer::RunReaders;
 use crate::wrong::demand;
 use anyhow::Result;
@@ -14,7 +14,7 @@ pub const RUNS: &str = "runs";
 /// Where evaluations stand: in their run, or beside `runs` those of policy files.
 pub const EVALUATIONS: &str = "evaluations";
 
-/// List runs and evaluations with their state, the newest first
+/// List runs and evaluations with their state, the newest first. Times are UTC
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator list
@@ -63,7 +63,7 @@ fn rows(cards: &[Card]) -> Vec<Vec<String>> {
             let up = if card.evaluation { 4 } else { 2 };
             let named = Path::new(&card.folder).ancestors().nth(up).filter(|named| !named.as_os_str().is_empty());
             let named = named.map_or_else(|| folder.clone(), |named| named.display().to_string());
-            rows.push(vec![named, format::day(card.created_unix_s), "suite".to_owned(), counts.clone()]);
+            rows.push(vec![named, begun(card), "suite".to_owned(), counts.clone()]);
         }
         rows.push([vec![card.folder.clone()], cells(card)].concat());
     }
@@ -101,15 +101,31 @@ pub fn cells(card: &Card) -> Vec<String> {
     let figures = format::metrics(metrics, &card.figures, "  ");
     let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
     let left = left.map_or_else(String::new, |left| format!("{} left", format::duration(left)));
-    vec![format::day(card.created_unix_s), card.state.clone(), subject(card), done, figures, left]
+    vec![begun(card), card.state.clone(), subject(card), done, figures, left]
 }
 
-/// A run of a suite is called as the suite calls it, another by its task and preset.
+fn begun(card: &Card) -> String {
+    format::begun(card.created_unix_s, unix_now())
+}
+
+/// A run of a suite is called as the suite calls it, another by its task and preset; an evaluation by its episodes, in a run's
+/// folder by these alone.
 fn subject(card: &Card) -> String {
     let run = Path::new(&card.folder).ancestors().nth(if card.evaluation { 2 } else { 0 });
     let name = run.and_then(Path::file_name).and_then(OsStr::to_str).filter(|_| card.suite.is_some());
     let name = name.and_then(|name| name.strip_suffix(&format!("-{}", card.seed)));
-    format!("{}, seed {}", name.map_or_else(|| card.subject(), str::to_owned), card.seed)
+    let own = format!("{}, seed {}", name.map_or_else(|| card.subject(), str::to_owned), card.seed);
+    let is_of_run = Path::new(&card.folder).ancestors().nth(2).is_some_and(|run| !run.as_os_str().is_empty());
+    // A column is narrow.
+    let short = |asked: &String| {
+        ["episodes of ", " episodes", " objects"].iter().fold(asked.clone(), |text, word| text.replace(word, ""))
+    };
+    let asked = card.asked.as_ref().map(short);
+    match asked {
+        Some(asked) if is_of_run => asked,
+        Some(asked) => format!("{own}: {asked}"),
+        None => own,
+    }
 }
 
 #[cfg(test)]
@@ -131,13 +147,19 @@ mod tests {
         };
         let named = "none, seed 12";
         let run = cells(&card("runs/s/runs/none-12", false, Some("s")));
-        assert_eq!(run[..4], ["1970-01-01", "stopped", named, "5 / 1,000 frames"]);
+        assert_eq!(run[..4], ["Jan  1  1970", "stopped", named, "5 / 1,000 frames"]);
         assert_eq!(subject(&card("runs/s/runs/none-12/evaluations/suite-test", true, Some("s"))), named);
         assert_eq!(subject(&card("runs/s/runs/demo-12", false, Some("s"))), "demo, seed 12");
         assert_eq!(
             [subject(&card(".", false, Some("s"))), subject(&card("runs/none-12", false, None))],
             ["demo, seed 12"; 2]
         );
+        let asked = |folder: &str| Card {
+            asked: Some("test, novel objects, drawn episodes".to_owned()),
+            ..card(folder, true, None)
+        };
+        assert_eq!(subject(&asked("runs/none-12/evaluations/a")), "test, novel, drawn");
+        assert_eq!(subject(&asked("evaluations/a")), "demo, seed 12: test, novel, drawn");
         let done = Card { done: 1000, ..card("a", false, None) };
         assert_eq!(cells(&done)[3], "1,000 frames");
     }
@@ -158,7 +180,7 @@ mod tests {
         let begin: Vec<&str> = rows.iter().map(|row| row[0].as_str()).collect();
         assert_eq!(begin, ["runs/s", &cards[0].folder, &cards[1].folder, &cards[2].folder]);
         assert_eq!(super::rows(&cards[..1]).len(), 1);
-        assert_eq!(rows[0][1..], ["1970-01-01", "suite", "1 of 2 runs complete, 1 evaluating"]);
+        assert_eq!(rows[0][1..], ["Jan  1  1970", "suite", "1 of 2 runs complete, 1 evaluating"]);
         assert_eq!(super::rows(&[card("runs/a-1", false)])[0][0], "/w/runs/s", "the suite's folder has no other name");
     }
 }

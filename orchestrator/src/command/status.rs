@@ -232,6 +232,9 @@ pub fn of_suite(root: &Path, json: bool) -> Result<()> {
         }
     }
     list::note(&cards);
+    if let Some(go_on) = standing.go_on() {
+        terminal::out_wrapped(&format!("go on with: {go_on}"));
+    }
     Ok(())
 }
 

@@ -1,6 +1,7 @@
+use super::list::RUNS;
 use super::status::of_suite;
 use super::up::needs_environment;
-use crate::output::format::{bytes, count, counted};
+use crate::output::format::{bytes, count, counted, duration};
 use crate::output::table::aligned;
 use crate::output::terminal;
 use crate::preflight::disk::need;
@@ -11,6 +12,7 @@ use crate::run::scenes;
 use crate::suite::{Asked, BUILT_IN, Suite, SuiteEntry, SuiteFolder, SuiteOutcome, begun, run as work, standings};
 use crate::supervisor::session::EXIT_INTERRUPTED;
 use crate::training::next_steps::program;
+use crate::viewer::RunReaders;
 use crate::wrong::judged;
 use anyhow::{Context, Result, ensure};
 use proto::device::VISIBLE_DEVICES;
@@ -20,6 +22,8 @@ use report::Options;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
+use view::data::{Card, Runs};
 
 const EXAMPLE: &str = r#"seeds = [1, 2, 3]                 # of runs that name none
 frames = 1_000_000                # optional: all stages of every run scaled to this sum
@@ -93,7 +97,7 @@ pub struct SuiteArgs {
     /// with is made again
     #[arg(long, value_name = "FILE")]
     table: Option<PathBuf>,
-    /// Only judge the file and print its runs, with their frames and what each writes at most
+    /// Only judge the file and print its runs, with their frames, what each writes at most, and how long they train
     #[arg(long)]
     check: bool,
     /// Print one JSON object: `runs`, each with `name`, `folder`, `status` and `tries`, the names of the `evaluations`,
@@ -206,6 +210,8 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
         "{runs} in this order into {}: {frames} frames, at most {disk} on the disk",
         folder.root().display()
     ));
+    let earlier = RunReaders::once(vec![folder.root().to_owned(), RUNS.into()]).list();
+    terminal::out(&training_time(suite, &earlier));
     let evaluations = names(suite).join(", ");
     terminal::out(&if evaluations.is_empty() {
         "no [[evaluations]]: the report will have learning curves only".to_owned()
@@ -213,6 +219,21 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
         format!("evaluations of each run: {evaluations}")
     });
     Ok(())
+}
+
+/// How long the runs train one after another, by the newest earlier run of each preset; else by a round number.
+fn training_time(suite: &Suite, earlier: &[Card]) -> String {
+    let frames = |entry: &SuiteEntry| total_frames(&entry.config.stages) as f64;
+    let speed = |SuiteEntry { preset, .. }: &SuiteEntry| {
+        earlier.iter().find_map(|run| run.frames_per_s.filter(|_| run.preset == *preset))
+    };
+    let text = |seconds: f64| duration(Duration::try_from_secs_f64(seconds).unwrap_or_default());
+    let known_s = suite.entries.iter().map(|entry| Some(frames(entry) / speed(entry)?)).sum::<Option<f64>>();
+    if let Some(known_s) = known_s {
+        return format!("about {} of training, as fast as earlier runs of the same presets", text(known_s));
+    }
+    let round = text(suite.entries.iter().map(frames).sum::<f64>() / 1000.0);
+    format!("at 1,000 frames/s that is {round} of training; no earlier run of these presets tells this machine's")
 }
 
 fn again(args: &SuiteArgs) -> String {
@@ -296,6 +317,18 @@ mod tests {
             .flat_map(|clip| ["0.0003", "0.001"].map(|rate| format!("rates-clip={clip}-learning_rate={rate}-1")));
         let expected = stages.chain(with_seeds("disturb-stage2-25m")).chain(grid);
         assert!(names.iter().copied().eq(expected), "{names:?}");
+    }
+
+    #[test]
+    fn training_takes_as_long_as_earlier_runs_of_the_same_presets() {
+        let suite = Suite::parse("seeds = [1, 2]\nframes = 60_000\n[[runs]]\npreset = \"demo\"\n").unwrap();
+        let run = |preset: &str, frames_per_s| Card { preset: preset.to_owned(), frames_per_s, ..Card::default() };
+        let earlier = [run("demo", None), run("demo", Some(800.0)), run("demo", Some(1.0))];
+        let known = "about 2 min 30 s of training, as fast as earlier runs of the same presets";
+        assert_eq!(training_time(&suite, &earlier), known);
+        let unknown =
+            "at 1,000 frames/s that is 2 min 00 s of training; no earlier run of these presets tells this machine's";
+        assert_eq!(training_time(&suite, &[run("paper", Some(800.0))]), unknown);
     }
 
     #[test]

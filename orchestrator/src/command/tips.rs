@@ -53,11 +53,16 @@ const COMMANDS: [(&str, &[&str]); 14] = [
 const OPTIONS: &[(&str, &str, &str)] = &[
     ("up", "it is `--set ppo.learning_rate=RATE`", "lr learning-rate"),
     ("up", "it is `--set ppo.learning_rate_frames=FRAMES`, over which the rate falls", "anneal-lr lr-schedule"),
-    ("up", "it is `--set ppo.minibatches=N`", "batch-size num-minibatches n-minibatches num-mini-batch minibatch-size"),
+    ("up", "it is `--set ppo.minibatches=N`", "num-minibatches n-minibatches num-mini-batch"),
+    ("up", "it is `--set ppo.minibatches=N`, how many of them a rollout has", "batch-size minibatch-size"),
     ("up", "it is `--set ppo.epochs=N`", "update-epochs n-epochs num-epochs update-repeats num-learning-epochs"),
     ("up", "it is `--set ppo.gamma=GAMMA`", "discount discount-factor"),
     ("up", "it is `--set ppo.gae_lambda=LAMBDA`", "tau lam lambda"),
     ("up", "it is `--set ppo.clip=CLIP`", "clip-coef clip-range clip-param"),
+    ("up", "it is `--set ppo.clip_value=true`", "clip-vloss clip-range-vf clip-value-loss use-clipped-value-loss"),
+    ("up", "it is `--set ppo.target_kl=KL`", "desired-kl kl-targ"),
+    ("up", "it is `--set ppo.adam_epsilon=EPSILON`", "eps adam-eps"),
+    ("up", "it is `--set network.hidden=N`", "net-arch policy-kwargs hidden-size hidden-sizes hidden-dim"),
     ("up", "it is `--set ppo.entropy_coefficient=C`", "ent-coef entropy-coef"),
     ("up", "it is `--set ppo.value_coefficient=C`", "vf-coef value-coef value-loss-coef"),
     ("up", "it is `--set ppo.max_gradient_norm=NORM`", "max-grad-norm"),
@@ -159,6 +164,21 @@ fn ours(command: &str, word: &str) -> Option<String> {
     })
 }
 
+/// What `KEY=VALUE` alone is here: an option, a setting by another program's name, or a setting.
+fn assigned(word: &str, line: &clap::Command) -> Option<String> {
+    let (key, value) = word.split_once('=').filter(|_| !word.starts_with('-'))?;
+    let option = format!("--{}", key.replace('_', "-"));
+    if is_of_up(&option, line) {
+        return Some(format!("here it is `{option} {value}`"));
+    }
+    let Some(known) = ours("up", key.rsplit('.').next()?) else {
+        return Some(format!("each key has a `--set` of its own: `--set {word}`"));
+    };
+    let setting = known.strip_prefix("here it is `--set ").and_then(|rest| rest.strip_suffix('`')?.split_once('='));
+    let setting = setting.filter(|(key, _)| !key.starts_with('\''));
+    Some(setting.map_or_else(|| known.clone(), |(ours, _)| format!("here it is `--set {ours}={value}`")))
+}
+
 /// The key of `--set KEY VALUE` before this value.
 fn set_before<'a>(words: &'a [String], value: &str) -> Option<&'a str> {
     words.windows(3).find_map(|three| match three {
@@ -221,8 +241,8 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
         "--env" | "--env-command" | "--env-kwargs" | "--env-declaration" if command == "doctor" => {
             Some("`orchestrator up` tries an environment of your own before the run begins".to_owned())
         }
-        word if word.contains('=') && words.iter().any(|word| word == "--set") && !word.starts_with('-') => {
-            Some(format!("each key has a `--set` of its own: `--set {word}`"))
+        word if word.contains('=') && !word.starts_with('-') && ["up", "config", "import", "doctor"].contains(&command) => {
+            assigned(word, line)
         }
         word if key_in(word).is_some() => key_in(word).map(|key| format!("here it is `--set {key}=VALUE`")),
         word if command == "scale" && word.parse::<u32>().is_ok() => {
@@ -249,8 +269,24 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
     }
 }
 
+/// The text of an error, with what is said here where a key of a configuration is another program's.
+pub fn told(error: &anyhow::Error) -> String {
+    let (text, tip) = (format!("{error:#}"), of_key(error));
+    format!("{}{tip}", without_guess(&text, &tip))
+}
+
+/// A text without the likest of our own names, where another program's name means something else.
+fn without_guess(text: &str, tip: &str) -> String {
+    let ours = tip.split_once("here it is `").and_then(|(_, ours)| ours.trim_start_matches("--set ").split('=').next());
+    let parts = text.split_once(" (did you mean ").and_then(|(before, rest)| Some((before, rest.split_once(')')?)));
+    match (ours, parts) {
+        (Some(ours), Some((before, (guess, after)))) if !guess.contains(ours) => format!("{before}{after}"),
+        _ => text.to_owned(),
+    }
+}
+
 /// What is wrong with a key of a configuration that another program has, in a sentence's end; nothing of other errors.
-pub fn of_key(error: &anyhow::Error) -> String {
+fn of_key(error: &anyhow::Error) -> String {
     let of_file = wrong::causes(error).find_map(|cause| match cause.downcast_ref::<ConfigError>()? {
         ConfigError::UnknownKey { key, origin, .. } if ["runs", "seeds", "evaluations"].contains(&&**key) => {
             Some(format!("; a suite's file is for `orchestrator suite {}`", quoted(origin)))
@@ -266,15 +302,14 @@ pub fn of_key(error: &anyhow::Error) -> String {
     }
     let unknown = wrong::causes(error).find_map(|cause| {
         match (cause.downcast_ref::<ConfigError>(), cause.downcast_ref::<SettingError>()) {
-            (Some(ConfigError::UnknownKey { key, nearest: None, .. }), _)
-            | (_, Some(SettingError::UnknownKey { key, nearest: None })) => Some(key.clone()),
+            (Some(ConfigError::UnknownKey { key, nearest, .. }), _)
+            | (_, Some(SettingError::UnknownKey { key, nearest })) => {
+                ours("up", key).or_else(|| nearest.is_none().then(|| ALL_KEYS.to_owned()))
+            }
             _ => None,
         }
     });
-    unknown.map_or_else(String::new, |key| {
-        let said = ours("up", &key).unwrap_or_else(|| ALL_KEYS.to_owned());
-        format!("; {}", said.replace("`--set ", "`"))
-    })
+    unknown.map_or_else(String::new, |said| format!("; {}", said.replace("`--set ", "`")))
 }
 
 /// What an error of a command line says in this place.
@@ -368,7 +403,9 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     let said = error.to_string();
-    let readable = if said.contains("..=") {
+    let readable = if said.contains("tip: here it is `--set ") {
+        without_guess(&said, &said)
+    } else if said.contains("..=") {
         said.replace(" is not in ", " is outside ").replace("..=", " to ")
     } else {
         NO_NUMBERS.iter().fold(said.clone(), |said, (theirs, ours)| said.replace(theirs, ours))
@@ -436,7 +473,13 @@ mod tests {
             (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=STEPS`"),
             (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
             (&["up", "--set", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
-            (&["config", "--set", "batch_size=4"], "tip: here it is `--set ppo.minibatches=N`"),
+            (&["config", "--set", "batch_size=4"], "tip: here it is `--set ppo.minibatches=N`, how many of them"),
+            (&["up", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
+            (&["up", "lr=1e-3", "--preset", "demo"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
+            (&["up", "batch_size=64"], "tip: here it is `--set ppo.minibatches=N`, how many of them"),
+            (&["up", "ppo.gamma=0.9"], "tip: each key has a `--set` of its own: `--set ppo.gamma=0.9`"),
+            (&["up", "envs_per_actor=2"], "tip: here it is `--envs-per-actor 2`"),
+            (&["up", "--set", "clip_range_vf=0.2"], "tip: here it is `--set ppo.clip_value=true`"),
             (&["up", "--scene", "a.toml"], "tip: here it is `--set 'scenes=[\"FILE.toml\"]'`"),
             (&["video", "runs/a"], "tip: `orchestrator replay` does that"),
             (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames N`"),
@@ -481,6 +524,14 @@ mod tests {
     }
 
     #[test]
+    fn beside_what_another_name_means_no_name_is_guessed() {
+        let error = answer(&["up", "--set", "ppo.clip_range=0.1"]);
+        assert!(error.contains("`clip_range`\n\n  tip: here it is `--set ppo.clip=CLIP`"), "{error}");
+        assert!(answer(&["up", "--set", "gamma=0.9"]).contains("(did you mean `ppo.gamma`?)"));
+        assert!(answer(&["up", "--set", "learning_rate=1e-3"]).contains("(did you mean `ppo.learning_rate` or "));
+    }
+
+    #[test]
     fn what_is_missing_or_elsewhere_is_answered() {
         for (words, tip) in [
             (&["export", "runs/a"][..], "tip: `orchestrator export RUN --out policy.onnx` writes a model"),
@@ -522,6 +573,9 @@ mod tests {
         let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
         let ours = "; here it is `ppo.learning_rate=RATE`";
         assert_eq!(super::of_key(&error.into()), ours);
+        std::fs::write(&file, "[ppo]\nclip_range = 0.1\n").unwrap();
+        let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
+        assert!(super::told(&error.into()).ends_with("unknown key `clip_range`; here it is `ppo.clip=CLIP`"));
         let error = super::Config::resolve_set("demo", Some("demo".as_ref()), &[]).unwrap_err();
         assert_eq!(error.to_string(), "cannot read configuration demo: there is no such file");
         assert_eq!(super::of_key(&error.into()), "; `--preset demo` takes the preset");

@@ -4,7 +4,7 @@ use crate::output::format::{self, shown};
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder, state_of};
-use crate::training::means::{StageMeans, by_stage};
+use crate::training::means::{StageMeans, by_stage, frames_per_s};
 use crate::training::metrics::Figures;
 use crate::training::scores::{Scores, best, evaluations_below, read_result};
 use crate::training::summary::Summary;
@@ -66,6 +66,18 @@ impl List {
     }
 }
 
+/// A mean of figures that are shown as this one.
+pub fn as_shown(mean: f64, one: &str) -> String {
+    let decimals = one.rsplit_once('.').map_or(0, |(_, decimals)| decimals.len());
+    match one {
+        _ if one.ends_with('%') => format::percent(Some(mean)),
+        // Of figures a time alone has spaces.
+        _ if one.contains(' ') => format::duration(Duration::try_from_secs_f64(mean).unwrap_or_default()),
+        _ if decimals > 0 => format::number(Some(mean), decimals),
+        _ => format::count(mean.round() as u64),
+    }
+}
+
 fn with_unit(label: &str, unit: &str) -> String {
     if unit.is_empty() { label.to_owned() } else { format!("{label} ({unit})") }
 }
@@ -99,9 +111,8 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     tell(folder, notes.iter().chain(&more));
     list.count("frames", history.frames());
     list.count("budget", total_frames(&config.stages));
-    let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
-    let rate = (training_s > 0.0).then(|| history.frames() as f64 / training_s);
-    list.put("frames/s", json!(rate), rate.map_or_else(String::new, format::rate));
+    let rate = frames_per_s(&history);
+    list.put("frames/s, mean", json!(rate), rate.map_or_else(String::new, format::rate));
     let wall_s = Wall::of(identity, &signs_of_life(&history), !at_rest).all_starts_s;
     let wall = Duration::try_from_secs_f64(wall_s).unwrap_or_default();
     list.put("wall time", wall_s, format::duration(wall));

@@ -65,8 +65,38 @@ impl Comparison {
         Ok(Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) })
     }
 
-    pub fn lines(&self) -> Vec<String> {
-        self.within(terminal::width())
+    pub fn lines(self) -> Vec<String> {
+        self.with_means().within(terminal::width())
+    }
+
+    /// With a column more for each experiment of several seeds: the means of its figures.
+    fn with_means(mut self) -> Self {
+        // Of each seed its own.
+        let own = ["seed", "from.checkpoint", "from.weights", "evaluation.checkpoint"];
+        let is_seed = |one: usize, other: usize| {
+            let same = |row: &Row| row.values[one] == row.values[other];
+            let others = self.configuration.iter().filter(|row| !own.contains(&row.name.as_str()));
+            others.into_iter().all(same) && self.configuration.iter().any(|row| row.name == "seed" && !same(row))
+        };
+        let mut groups: Vec<Vec<usize>> = Vec::new();
+        for run in 0..self.runs.len() {
+            match groups.iter_mut().find(|group| group.iter().all(|&other| is_seed(other, run))) {
+                Some(group) => group.push(run),
+                None => groups.push(vec![run]),
+            }
+        }
+        for group in groups.iter().filter(|group| group.len() > 1) {
+            let names: Vec<&str> = group.iter().map(|&run| self.runs[run].as_str()).collect();
+            let name = mean_of(&names);
+            self.runs.push(name);
+            self.configuration.iter_mut().for_each(|row| row.shown.push(String::new()));
+            for Row { values, shown, .. } in &mut self.figures {
+                let sum = group.iter().map(|&run| values[run].as_f64()).sum::<Option<f64>>();
+                let mean = sum.map(|sum| figures::as_shown(sum / group.len() as f64, &shown[group[0]]));
+                shown.push(mean.unwrap_or_default());
+            }
+        }
+        self
     }
 
     /// Where the whole table is wider, tables of some runs each, which numbers stand for.
@@ -115,6 +145,20 @@ fn with_values(mut table: Vec<Vec<String>>) -> Vec<Vec<String>> {
     (0..table.len()).filter(|&at| !is_empty(at)).map(|at| table[at].clone()).collect()
 }
 
+/// What the mean of these is called: by their name without the seed, `runs/demo, mean of 2`, or by all of their names.
+fn mean_of(paths: &[&str]) -> String {
+    let is_same = |at: &usize| paths.iter().all(|path| path.as_bytes().get(*at) == paths[0].as_bytes().get(*at));
+    let length = (0..paths[0].len()).take_while(is_same).count();
+    match paths[0].get(..length).and_then(|begin| begin.rsplit_once('-')) {
+        Some((name, end)) if !end.contains('/') => format!("{name}, mean of {}", paths.len()),
+        _ => {
+            let (folder, _) = paths[0].split_at(paths[0].rfind('/').map_or(0, |at| at + 1));
+            let names: Vec<&str> = paths.iter().map(|path| path.rsplit('/').next().unwrap_or(path)).collect();
+            format!("{folder}mean of {}", names.join(", "))
+        }
+    }
+}
+
 /// Paths without the folders that all of them are in, if those are more than one.
 fn shortened(runs: &[String]) -> Vec<String> {
     let parts = |run: &String| run.split('/').map(str::to_owned).collect::<Vec<_>>();
@@ -128,6 +172,35 @@ fn shortened(runs: &[String]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::{Value, json};
+
+    #[test]
+    fn the_seeds_of_one_experiment_have_a_mean() {
+        let row = |name: &str, values: [Value; 4], shown: [&str; 4]| Row {
+            name: name.to_owned(),
+            values: values.to_vec(),
+            shown: shown.map(str::to_owned).to_vec(),
+        };
+        let runs = ["runs/a-1", "runs/a-2", "runs/b", "runs/a-3"].map(str::to_owned).to_vec();
+        let of = |values: [f64; 4]| values.map(|value| json!(value));
+        let configuration = vec![
+            row("ppo.clip", of([0.1, 0.1, 0.2, 0.1]), ["0.1", "0.1", "0.2", "0.1"]),
+            row("seed", [1, 2, 1, 3].map(|seed| json!(seed)), ["1", "2", "1", "3"]),
+        ];
+        let figures = vec![
+            row("state", ["complete"; 4].map(|state| json!(state)), ["complete"; 4]),
+            row("frames", [3000, 3000, 9, 4500].map(|count| json!(count)), ["3,000", "3,000", "9", "4,500"]),
+            row("stage I: SR", of([0.1, 0.2, 0.9, 0.6]), ["10.0%", "20.0%", "90.0%", "60.0%"]),
+            row("stage I: path (m)", of([0.5, 0.25, 0.9, 0.75]), ["0.500", "0.250", "0.900", "0.750"]),
+            row("wall time", of([60.0, 90.0, 1.0, 120.0]), ["1 min 00 s", "1 min 30 s", "1 s", "2 min 00 s"]),
+            row("II: SR", [json!(0.1), Value::Null, json!(0.2), json!(0.3)], ["10.0%", "–", "20.0%", "30.0%"]),
+        ];
+        let with_means = Comparison { runs, configuration, figures }.with_means();
+        assert_eq!(with_means.runs[4..], ["runs/a, mean of 3"]);
+        let shown: Vec<&str> = with_means.figures.iter().map(|row| row.shown[4].as_str()).collect();
+        assert_eq!(shown, ["", "3,500", "30.0%", "0.500", "1 min 30 s", ""]);
+        assert_eq!(mean_of(&["runs/one", "runs/other"]), "runs/mean of one, other");
+    }
 
     #[test]
     fn a_comparison_that_is_too_wide_is_several_tables_of_numbered_runs() {

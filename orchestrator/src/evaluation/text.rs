@@ -6,8 +6,10 @@ use proto::evaluation::{
     SEEDED_EPISODES, describe, seed_of,
 };
 use proto::kitchen::{KitchenId, KitchenRange, Split};
+use proto::run_folder::BEST;
 use proto::task::{Described, Spec};
 use report::statistics::{Interval, wilson};
+use std::path::Path;
 use view::data::{ResultRow, Results};
 
 /// Which episodes are played, as people read it.
@@ -61,6 +63,23 @@ pub fn conditions(config: &Config, asked: &EvaluationConfig) -> String {
     let place = place(asked.split, asked.procedural, config.scenes.len(), asked.kitchen);
     let played = seeds.unwrap_or_else(|| format!("{objects}{episodes}, in {place}"));
     format!("{policy} ({}), {actions}: {played}", config.preset)
+}
+
+/// The same in a few words, without the policy: `test, novel objects, drawn episodes`.
+pub fn brief(config: &Config, asked: &EvaluationConfig) -> String {
+    let of_split = || word_of_place(asked.split, asked.procedural.is_some(), !config.scenes.is_empty()).to_owned();
+    let place = asked.kitchen.map_or_else(of_split, |kitchen| format!("kitchen {kitchen}"));
+    let has_targets = asked.objects != ObjectSet::NoTargets;
+    let objects = if has_targets { format!(", {} objects", asked.objects.name()) } else { String::new() };
+    let episodes = match asked.distribution {
+        Distribution::Fixed => "fixed episodes",
+        Distribution::Run => "drawn episodes",
+        Distribution::Seeds => "episodes of fixed seeds",
+    };
+    let folder = asked.checkpoint.as_deref().and_then(|path| Path::new(path).parent()?.file_name());
+    let best = if folder.is_some_and(|folder| folder == BEST) { ", best checkpoint" } else { "" };
+    let taken = if asked.deterministic { ", deterministic" } else { "" };
+    format!("{place}{objects}, {episodes}{best}{taken}")
 }
 
 pub fn seeds_of(distribution: Distribution, split: Split, episodes: u32) -> Option<String> {
@@ -173,6 +192,19 @@ mod tests {
         let (config, asked) = (Config::default(), EvaluationConfig::fixed(Split::Test, objects, 1));
         let conditions = Conditions::of(&config, &asked, "cpu".to_owned());
         Evaluation::of(spec, Subject::default(), conditions, Cost::default(), &[(record, vec![])])
+    }
+
+    #[test]
+    fn evaluations_under_other_conditions_have_other_words() {
+        let config = Config::default();
+        let fixed = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
+        let best = Some("/a/best/rollout-00000009.json".to_owned());
+        let best = EvaluationConfig { checkpoint: best, deterministic: true, ..fixed.clone() };
+        let drawn = EvaluationConfig { distribution: Distribution::Run, objects: ObjectSet::All, ..fixed.clone() };
+        assert_eq!(brief(&config, &fixed), "test, novel objects, fixed episodes");
+        assert_eq!(brief(&config, &drawn), "test, all objects, drawn episodes");
+        let words = "test, novel objects, fixed episodes, best checkpoint, deterministic";
+        assert_eq!(brief(&config, &best), words);
     }
 
     #[test]

@@ -94,6 +94,15 @@ pub fn day(unix_s: u64) -> String {
     moment(unix_s).date().to_string()
 }
 
+/// As `ls` has it (UTC): `Nov 30 19:14`, half a year away from now `Nov 30  2025`.
+pub fn begun(unix_s: u64, now_s: u64) -> String {
+    let at = moment(unix_s);
+    let month = &at.month().to_string()[..3];
+    let is_near = now_s.abs_diff(unix_s) < 182 * 86_400;
+    let time = if is_near { format!("{:02}:{:02}", at.hour(), at.minute()) } else { format!("{:>5}", at.year()) };
+    format!("{month} {:>2} {time}", at.day())
+}
+
 pub fn date(unix_s: u64) -> String {
     let at = moment(unix_s);
     format!("{} {:02}:{:02}:{:02} UTC", day(unix_s), at.hour(), at.minute(), at.second())
@@ -137,5 +146,7 @@ mod tests {
         assert_eq!(timestamp(1_709_251_199), "20240229-235959");
         assert_eq!(timestamp(1_795_226_663), "20261121-020423");
         assert_eq!(date(4_102_444_800), "2100-01-01 00:00:00 UTC");
+        assert_eq!(begun(1_795_226_663, 1_795_300_000), "Nov 21 02:04");
+        assert_eq!(begun(1_709_251_199, 1_795_226_663), "Feb 29  2024");
     }
 }

@@ -67,9 +67,8 @@ fn refused(what: &str, path: &Path) -> String {
 pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report> {
     check_free(out)?;
     let Gathered { runs, notes } = gathered;
-    let mut report = Report::of(&runs, options, notes)?;
+    let report = Report::of(&runs, options, notes)?;
     let (episodes, undrawn) = strips(&runs);
-    report.notes.extend(undrawn);
     make_folder(out)?;
     let put = |name: &str, content: &str| {
         let path = out.join(name);
@@ -90,6 +89,7 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
         "labelled": has(|config| config.label().is_some()),
         "report": report,
         "episodes": episodes,
+        "undrawn": undrawn,
         "differences": between(&report, &runs),
     });
     fault::reach("report.before_page");
@@ -108,7 +108,7 @@ fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
 }
 
 /// A row for each result of a group that is over so many seeds at least: the group, which episodes and how many, and the
-/// metrics of its task with their intervals; and how these were made.
+/// metrics of its task with their intervals; how these were made, and what a star stands for.
 pub fn rows(report: &Report, least: usize) -> (Vec<Vec<String>>, Vec<String>) {
     let mut made = BTreeSet::new();
     let row = |(group, result): (&GroupReport, &FieldResult)| {
@@ -118,16 +118,22 @@ pub fn rows(report: &Report, least: usize) -> (Vec<Vec<String>>, Vec<String>) {
                 made.insert(how);
                 format!(" [{}, {}]", shown(low), shown(high))
             });
-            let mean = shown(result.metrics.get(&one.name)?.mean.point);
+            let mean = format::metric(one, Some(result.metrics.get(&one.name)?.mean.point));
             Some(format!("{} {mean}{}", one.label, within.unwrap_or_default()))
         };
         let [seeds, episodes] = [(result.seeds.len() as u64, "seed"), (result.pooled.episodes, "episode")]
             .map(|(count, of)| counted(count, of));
-        let metrics = report.tasks[&group.task].shown.iter().filter(|one| one.unit.is_empty()).filter_map(metric);
+        let metrics = report.tasks[&group.task].shown.iter().filter_map(metric);
         [group.label.clone(), result.name.clone(), seeds, episodes].into_iter().chain(metrics).collect()
     };
-    let rows = of_groups(report).filter(|(_, result)| result.seeds.len() >= least).map(row).collect();
-    (rows, made.into_iter().map(|how| format!("in brackets: {how}")).collect())
+    let found = || of_groups(report).filter(|(_, result)| result.seeds.len() >= least);
+    let rows = found().map(row).collect();
+    let starred = found().map(|(group, _)| group).filter(|group| group.label.contains('*'));
+    let other = |GroupReport { label, preset, differences, .. }: &GroupReport| {
+        format!("{label} is the preset {preset} with {}", differences.join("; "))
+    };
+    let other: BTreeSet<String> = starred.map(other).collect();
+    (rows, made.into_iter().map(|how| format!("in brackets: {how}")).chain(other).collect())
 }
 
 /// The interval of a mean, and how it was made. Those over episodes say nothing of other seeds.
@@ -189,7 +195,10 @@ pub fn add_to_table(path: &Path, tables: &[Comparison]) -> Result<Kept> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use report::study::Origin;
+    use crate::evaluation::testing::played;
+    use proto::evaluation::{Conditions, Cost, Evaluation, EvaluationConfig, ObjectSet, Subject};
+    use proto::kitchen::{KitchenId, Split};
+    use report::study::{Evaluated, Origin};
 
     #[test]
     fn settings_that_differ_between_groups_have_a_value_of_each() {
@@ -205,6 +214,35 @@ mod tests {
         assert_eq!((rows.len(), rows[0].name.as_str()), (1, "ppo.clip"), "and not the seed");
         assert_eq!(rows[0].values, [json!(0.1), json!(0.3)]);
         assert_eq!(between(&Report::of(&runs[1..2], &Options::default(), Vec::new()).unwrap(), &runs), []);
+    }
+
+    #[test]
+    fn the_terminal_has_each_metric_and_says_what_a_star_is() {
+        let run = |name: &str, seed: u64| {
+            let mut config = Config { seed, ..Config::resolve("demo", None).unwrap() };
+            config.ppo.clip = 0.3;
+            let record = played(KitchenId::of_split(Split::Test)[0], 6, &["success"]);
+            let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
+            let conditions = Conditions::of(&config, &asked, "cpu".to_owned());
+            let records = [(record.clone(), vec![])];
+            let result = Evaluation::of(config.spec(), Subject::default(), conditions, Cost::default(), &records);
+            let evaluated = Evaluated { name: "a".into(), folder: "a".into(), result, episodes: vec![record] };
+            let (origin, rollouts, stages) = (Origin::NotGiven, Vec::new(), Vec::new());
+            Run {
+                name: name.into(),
+                origin,
+                config,
+                rollouts,
+                stages,
+                evaluations: vec![evaluated],
+                validation: vec![],
+            }
+        };
+        let report = Report::of(&[run("a", 1), run("b", 2)], &Options::default(), Vec::new()).unwrap();
+        let (rows, said) = rows(&report, 1);
+        assert_eq!(rows[0][0], "demo*");
+        assert!(rows[0].iter().any(|cell| cell.starts_with("disturbance 0.000 m")), "{rows:?}");
+        assert!(said.contains(&"demo* is the preset demo with ppo.clip = 0.3".to_owned()), "{said:?}");
     }
 
     #[test]

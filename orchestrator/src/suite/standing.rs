@@ -4,8 +4,10 @@ use super::file::Suite;
 use super::folder::SuiteFolder;
 use super::state::{RunStatus, State, Status};
 use crate::output::format::counted;
+use crate::training::next_steps::program;
 use anyhow::{Context, Result};
 use proto::run_folder::RunFolder;
+use proto::shell::quoted;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -67,6 +69,15 @@ impl Standing {
                 .map(|(count, word)| format!("{count} {word}")),
         );
         parts.join(", ")
+    }
+
+    /// The command that goes on with one that nobody works on and that is not complete. Its folder has the file as it was
+    /// at the last call.
+    pub fn go_on(&self) -> Option<String> {
+        let is_complete = self.runs.values().all(|run| run.status == Status::Done);
+        let folder = SuiteFolder::new(self.folder.root());
+        let [file, root] = [quoted(folder.file()), quoted(folder.root())];
+        (!self.is_held && !is_complete).then(|| format!("{} suite {file} --out {root}", program()))
     }
 
     pub fn summary(&self) -> String {
@@ -149,12 +160,15 @@ mod tests {
         assert_eq!(at("runs/tiny-1/evaluations/suite-test-novel-2"), second);
         assert_eq!(at("runs/other"), standing.summary());
 
-        assert_eq!(standing.report(), None);
+        assert_eq!((standing.report(), standing.go_on()), (None, None));
         std::fs::create_dir(folder.report()).unwrap();
         std::fs::write(folder.page(), "").unwrap();
         assert_eq!(standing.report(), Some(folder.page()));
         // Its orchestrator was killed.
         drop(lock);
-        assert_eq!(Standing::read(&root).unwrap().summary(), "suite small: 1 of 2 runs complete, 1 cut off");
+        let standing = Standing::read(&root).unwrap();
+        assert_eq!(standing.summary(), "suite small: 1 of 2 runs complete, 1 cut off");
+        let go_on = format!(" suite {0}/suite.toml --out {0}", root.display());
+        assert!(standing.go_on().unwrap().ends_with(&go_on), "{:?}", standing.go_on());
     }
 }

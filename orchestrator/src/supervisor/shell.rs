@@ -410,7 +410,7 @@ impl<A: Audience> Supervision<'_, A> {
             "stage {} ({}) is in force from {} frames, rollout {}",
             stage.name,
             format::reward(&stage.reward),
-            switch.frames,
+            format::count(switch.frames),
             switch.rollout
         );
         if let Some(recorder) = self.shell.recorder {

@@ -145,6 +145,12 @@ pub struct Recent {
     pub episodes: EpisodeMeans,
 }
 
+/// The mean over all rollouts, updates included.
+pub fn frames_per_s(history: &History) -> Option<f64> {
+    let training_s: f64 = history.iter().map(|trained| trained.timing.total_s()).sum();
+    (training_s > 0.0).then(|| history.frames() as f64 / training_s)
+}
+
 /// Rollouts over which a run at work has a rate.
 const RECENT: usize = 8;
 

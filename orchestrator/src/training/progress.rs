@@ -193,8 +193,9 @@ pub fn frames_line(stages: &[StageConfig], recent: &Recent) -> String {
     let mut parts = vec![format!("{stage}{frames} / {budget} frames  {percent:.1}%")];
     if let Some(rate) = recent.frames_per_s {
         parts.push(format!(
-            "{} frames/s: simulate {:.0}% infer {:.0}% update {:.0}%",
+            "{} frames/s{}: simulate {:.0}% infer {:.0}% update {:.0}%",
             format::rate(rate),
+            if recent.left_s.is_some() { " now" } else { ", mean" },
             100.0 * recent.simulate,
             100.0 * recent.infer,
             100.0 * recent.update
@@ -279,6 +280,7 @@ mod tests {
         assert_eq!(progress.doing(seconds(30), true), "leaving");
         let frames = frames_line(&stages(), &recent(&stages(), &history(30), false));
         assert!(frames.starts_with("1,500 / 1,500 frames  100.0%") && !frames.contains("left"), "{frames}");
+        assert!(frames.contains("25.0 frames/s, mean: simulate"), "{frames}");
     }
 
     #[test]

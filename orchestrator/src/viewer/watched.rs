@@ -9,12 +9,12 @@ use super::tail::{New, Tail};
 use crate::environment::growing;
 use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
-use crate::evaluation::text::{conditions, results};
+use crate::evaluation::text::{brief, conditions, results};
 use crate::output::format;
 use crate::run::checkpoints::newest_path;
 use crate::run::identity::{Identity, is_evaluation};
 use crate::run::lock::{LockState, holder, state_of};
-use crate::training::means::{by_stage, recent};
+use crate::training::means::{by_stage, frames_per_s, recent};
 use crate::training::metrics::{Figures, left_out};
 use crate::training::next_steps;
 use crate::training::scores::{Score, Scores, read_result, result_folder};
@@ -126,6 +126,7 @@ impl Watched {
             return Ok(Card {
                 evaluation: true,
                 conditions: config.evaluation.as_ref().map(|asked| conditions(config, asked)),
+                asked: config.evaluation.as_ref().map(|asked| brief(config, asked)),
                 state: state_of(identity, held, standing.result.is_some()).to_string(),
                 done: standing.played,
                 budget: standing.asked,
@@ -139,8 +140,9 @@ impl Watched {
             state: state_of(identity, held, complete).to_string(),
             done: recent.frames,
             budget: recent.budget,
-            figures: config.spec().with_quotients(recent.episodes.figures),
+            figures: config.spec().with_quotients(recent.episodes.with_return()),
             left_s: recent.left_s.filter(|_| !complete),
+            frames_per_s: frames_per_s(&self.history),
             ..card
         })
     }

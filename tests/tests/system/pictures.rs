@@ -1,6 +1,8 @@
 //! The pictures of the viewer in the documents: `docs/pictures RUN` makes them again, by a browser that does what a reader
 //! would do. Without `STILLROOM_SCREENSHOTS=FOLDER` and `STILLROOM_RUN=RUN` nothing is made.
 
+use std::collections::BTreeMap;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use system_tests::{Browser, Viewer, Workshop};
 
@@ -50,8 +52,59 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     assert!(viewer.stop());
 }
 
+/// A picture in 256 colours: the box of all its colours is halved again and again, the part first that errs most, and a part's
+/// commonest colour stands for the others.
+fn in_few_colours(picture: &[u8]) -> Vec<u8> {
+    let mut reader = png::Decoder::new(Cursor::new(picture)).read_info().expect("a picture");
+    let mut pixels = vec![0; reader.output_buffer_size().expect("it fits the memory")];
+    let info = reader.next_frame(&mut pixels).expect("a picture");
+    let colours = || pixels.chunks_exact(info.color_type.samples()).map(|pixel| [pixel[0], pixel[1], pixel[2]]);
+    let mut counts: BTreeMap<[u8; 3], u32> = BTreeMap::new();
+    colours().for_each(|colour| *counts.entry(colour).or_default() += 1);
+    let mut parts = vec![counts.into_iter().collect::<Vec<_>>()];
+    let side = |part: &[([u8; 3], u32)]| {
+        let length = |channel: usize| {
+            let values = || part.iter().map(|(colour, _)| colour[channel]);
+            values().max().unwrap_or(0) - values().min().unwrap_or(0)
+        };
+        (0..3).map(|channel| (length(channel), channel)).max().expect("three channels")
+    };
+    let error = |part: &[([u8; 3], u32)]| {
+        let length = u64::from(side(part).0);
+        length * length * part.iter().map(|(_, count)| u64::from(*count)).sum::<u64>()
+    };
+    while parts.len() < 256 {
+        let errors = parts.iter().map(|part| error(part)).enumerate();
+        let (at, most) = errors.max_by_key(|(_, error)| *error).expect("a part");
+        if most == 0 {
+            break;
+        }
+        let (_, channel) = side(&parts[at]);
+        parts[at].sort_unstable_by_key(|(colour, _)| colour[channel]);
+        let middle = |part: &[([u8; 3], u32)]| {
+            let ends = [part[0], part[part.len() - 1]].map(|(colour, _)| u16::from(colour[channel]));
+            part.partition_point(|(colour, _)| 2 * u16::from(colour[channel]) <= ends[0] + ends[1])
+        };
+        let half = middle(&parts[at]);
+        let other = parts[at].split_off(half);
+        parts.push(other);
+    }
+    let commonest = |part: &Vec<([u8; 3], u32)>| part.iter().max_by_key(|(_, count)| *count).expect("a colour").0;
+    let palette: Vec<u8> = parts.iter().flat_map(commonest).collect();
+    let places = parts.iter().zip(0..=255).flat_map(|(part, at)| part.iter().map(move |(colour, _)| (*colour, at)));
+    let places: BTreeMap<[u8; 3], u8> = places.collect();
+    let indexed: Vec<u8> = colours().map(|colour| places[&colour]).collect();
+    let mut small = Vec::new();
+    let mut encoder = png::Encoder::new(&mut small, info.width, info.height);
+    encoder.set_color(png::ColorType::Indexed);
+    encoder.set_palette(palette);
+    encoder.set_compression(png::Compression::High);
+    encoder.write_header().and_then(|mut writer| writer.write_image_data(&indexed)).expect("memory");
+    small
+}
+
 fn keep(browser: &mut Browser, folder: &Path, name: &str) {
-    let picture = browser.screenshot();
+    let picture = in_few_colours(&browser.screenshot());
     assert!(picture.len() < PICTURE_MAX, "{name} has {} bytes", picture.len());
     std::fs::write(folder.join(name), picture).expect("a folder of pictures");
 }

@@ -271,6 +271,14 @@ fn only_keys(browser: &mut Browser) {
     tab_to(browser, "input[type=range]");
     browser.press("ArrowRight");
     browser.wait_for("document.querySelector('canvas.depth').dataset.step === '1'");
+    // To the next episode of the table, and back.
+    let place = "location.hash.split('?')[0]";
+    browser.wait_for("document.querySelector('a[rel=next]')");
+    let first = browser.value(place);
+    browser.press("n");
+    browser.wait_for(&format!("{place} !== {first} && document.querySelector('a[rel=prev]')"));
+    browser.press("p");
+    browser.wait_for(&format!("{place} === {first}"));
 }
 
 fn two_are_beside_one_another(browser: &mut Browser, workshop: &Workshop) {
