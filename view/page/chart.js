@@ -30,10 +30,10 @@ const shareText = (value) => `${Number((100 * value).toPrecision(3))}%`;
 const FONT = "system-ui, sans-serif";
 
 export class Chart {
-  /** `share`: values are 0 to 1; `zero`: their axis begins at 0; `format`: of a value; `log`: of x; `rows`: names in the
-   * place of a y axis; `signal`: when the chart is no longer needed. */
-  constructor(title, { share = false, zero = share, format = share ? percent : short, log = false, xLabel = "frames", xFormat = short, rows = null, height = 190, sync, signal } = {}) {
-    Object.assign(this, { title, share, zero, format, log, xLabel, xFormat, rows, height, sync, content: { series: [] }, lines: [], data: [[]] });
+  /** `share`: values are 0 to 1; `zero`: their axis begins at 0; `origin`: that of x does; `format`: of a value; `log`: of x; `rows`: names in the
+   * place of a y axis; `zoomed`: the part of the x axis that is seen at first; `signal`: when the chart is no longer needed. */
+  constructor(title, { share = false, zero = share, origin = false, format = share ? percent : short, log = false, xLabel = "frames", xFormat = short, rows = null, height = 190, sync, zoomed, signal } = {}) {
+    Object.assign(this, { title, share, zero, origin, format, log, xLabel, xFormat, rows, height, sync, zoomed, content: { series: [] }, lines: [], data: [[]] });
     this.readout = h("output", {});
     this.frame = h("div", { class: "chart", tabIndex: 0, role: "img", style: { height: `${height}px` }, onkeydown: (event) => this.key(event), onblur: () => this.plot?.setCursor({ left: -10, top: -10 }, true, true) });
     const button = (name, save) => h("button", { class: "save", "aria-label": `Save “${title}” as ${name}`, title: `Save “${title}” as ${name}`, onclick: save }, name);
@@ -72,8 +72,7 @@ export class Chart {
     const shape = (all) => JSON.stringify(all);
     if (!plot || this.rows || xLabel !== this.drawn || shape([lines, bands]) !== shape([this.lines, this.bands])) this.draw();
     else {
-      const { min, max } = plot.scales.x;
-      const zoomed = min > ends[0] || max < ends[1];
+      const zoomed = this.zoom(ends);
       plot.setData(this.data, !zoomed);
       if (zoomed) plot.redraw();
     }
@@ -82,12 +81,21 @@ export class Chart {
     this.tell();
   }
 
+  /** The part of the x axis that is seen, where that is not all of it. */
+  zoom([first, last] = this.ends ?? []) {
+    const { min, max } = this.plot?.scales.x ?? {};
+    return min > first || max < last ? { min, max } : null;
+  }
+
   draw(width = this.frame.clientWidth, scale = 1) {
     this.plot?.destroy();
     this.plot = null;
     this.drawn = this.xLabel;
     this.frame.style.setProperty("height", `${this.height}px`);
-    if (width) this.plot = new uPlot(this.options(width * scale, this.height * scale, scale), this.data, this.frame);
+    if (!width) return;
+    this.plot = new uPlot(this.options(width * scale, this.height * scale, scale), this.data, this.frame);
+    if (this.zoomed) this.plot.setScale("x", this.zoomed);
+    this.zoomed = null;
   }
 
   fit() {
@@ -108,7 +116,7 @@ export class Chart {
       width, height, legend: { show: false }, padding: [8 * scale, 16 * scale, 0, 0],
       cursor: { y: false, sync: this.sync && { key: this.sync, setSeries: false }, drag: { x: !this.rows, y: false }, points: { show: (plot, at) => (this.lines[at - 1].name === undefined ? false : h("div", { class: "u-cursor-pt here", style: { background: css(this.lines[at - 1].colour) } })) } },
       scales: {
-        x: { time: false, distr: this.log ? 3 : 1, range: (plot, low, high) => this.content.domain ?? (low === null ? [0, 1] : [low, high > low ? high : low + (Math.abs(low) || 1)]) },
+        x: { time: false, distr: this.log ? 3 : 1, range: (plot, low, high) => this.content.domain ?? (low === null ? [0, 1] : [this.origin && low === this.data[0][0] ? 0 : low, high > low ? high : low + (Math.abs(low) || 1)]) },
         y: this.rows ? { dir: -1, range: () => [-0.5, this.rows.length - 0.5] } : { range: (plot, low, high) => this.reach(low, high) },
       },
       axes: [

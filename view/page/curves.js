@@ -75,7 +75,8 @@ export class Curves {
       if (!all.length) continue;
       let chart = this.charts.get(name);
       if (!chart) {
-        chart = new Chart(title, { ...options, sync: "curves", signal: this.signal });
+        const zoomed = [...this.charts.values()].map((other) => other.zoom()).find(Boolean);
+        chart = new Chart(title, { ...options, origin: true, sync: "curves", zoomed, signal: this.signal });
         chart.element.dataset.figure = name;
         this.charts.set(name, chart);
       }

@@ -25,7 +25,8 @@ class Player {
     this.element = h("section", { class: "card", "aria-label": "Steps" },
       h("div", { class: "player" }, this.play, button("◀", "A step back", "←", () => this.step - 1), button("▶", "A step on", "→", () => this.step + 1),
         disturbed && button("Next disturbance", "Next disturbance", "D", () => this.nextDisturbance()), this.speed,
-        stages[0].isPictured && h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
+        stages[0].isPictured && h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element,
+      h("p", { class: "small soft keys" }, "Keys: space plays, ← and → step", disturbed && ", D goes to the next disturbance", stages.length === 1 && ", P and N to the episodes before and after in the list", "."));
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
     signal.addEventListener("abort", () => { document.removeEventListener("keydown", keys); this.stop(); });
@@ -157,7 +158,7 @@ export async function showEpisode(root, run, key, query, signal, named) {
   const player = new Player([stage], signal, keep(`#/run/${encodeURIComponent(run)}/episode/${key}`));
   const link = (text, rel, other) => other && h("a", { href: `#/run/${encodeURIComponent(run)}/episode/${other}`, rel, title: `key: ${rel[0]}` }, text);
   const beside = h("div", { class: "row", role: "navigation", "aria-label": "Other episodes" });
-  neighbours(run, key, signal).then(([before, after]) => replace(beside, link("Previous episode", "prev", before), link("Next episode", "next", after)), () => {});
+  neighbours(run, key, signal).then(([before, after]) => replace(beside, link("Previous in the list", "prev", before), link("Next in the list", "next", after)), () => {});
   const title = h("div", { class: "row between" }, stage.title(), beside);
   const { film, filmed } = stage.episode;
   const curves = stage.isPictured ? [] : channelCurves(stage, signal);

@@ -82,8 +82,8 @@ class SceneRenderer {
     this.link.textContent = done === 1 ? "The episode that has ended" : `All ${count(done)} episodes`;
     const mean = ({ name }) => over.reduce((sum, episode) => sum + (episode.figures[name] ?? 0), 0) / over.length;
     const said = (text, known, value) => [text, ...known.map((metric) => `${metric.label} ${figure(metric, value(metric), 0)}`)].join(", ");
-    const shown = over.length ? said(`${over.length} ${over.length === 1 ? "episode" : "episodes"} shown to the end`, metrics.filter(({ name }) => name in over[0].figures), mean) : "None shown to the end yet";
-    const all = said(`${count(done)} ${done === 1 ? "has" : "have"} ended in all`, metrics.filter(({ name, kind }) => kind === "share" && name in figures), ({ name }) => figures[name]);
+    const shown = said(`Watched to the end: ${count(over.length)}`, metrics.filter(({ name }) => name in (over[0]?.figures ?? {})), mean);
+    const all = said(`ended in all: ${count(done)}`, metrics.filter(({ name, kind }) => kind === "share" && name in figures), ({ name }) => figures[name]);
     const text = done || over.length ? `${shown}; ${all}.` : "No episode has ended yet.";
     if (this.tally.textContent !== text) this.tally.textContent = text;
   }

@@ -119,9 +119,9 @@ class Page {
         return point === undefined ? null : entry(heading(one), bare(one, point), interval && range(one, interval));
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
-        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${this.drawn ? "" : `${group.task} · `}${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
+        h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${this.drawn && !this.several ? "" : `${words(group.task)} · `}${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
         h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null, entry("frames", short(frames))),
-        this.trained(group),
+        this.report.groups.length === 1 ? this.trained(group) : null,
         group.differences.length ? says(`changed from the preset ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
     return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null];
@@ -131,8 +131,8 @@ class Page {
   trained({ task, stages }) {
     const begun = stages.filter(({ figures }) => Object.keys(figures).length);
     const { shown: metrics } = this.report.tasks[task];
-    const row = ({ name, figures }) => [name, ...metrics.map((one) => bare(one, figures[one.name]))];
-    return begun.length > 1 ? table(["training, stage", ...metrics.map((one) => `#${heading(one)}`)], plain(begun.map(row))) : null;
+    const row = ({ name, reward, figures }) => [name, words(reward), ...metrics.map((one) => bare(one, figures[one.name]))];
+    return begun.length > 1 ? [table(["training, stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(begun.map(row))), this.tenths()] : null;
   }
 
   /** The settings that are not the same in all groups. */
@@ -274,13 +274,17 @@ class Page {
   stages() {
     const { tasks, groups } = this.report;
     const begun = groups.map((group) => ({ group, stages: group.stages.filter(({ figures }) => Object.keys(figures).length) })).filter(({ stages }) => stages.length);
-    if (!begun.length) return null;
+    // Those of one run stand above.
+    if (!begun.length || groups.length === 1 && begun[0].stages.length > 1) return null;
     const tables = this.byTask(begun).map(([task, some]) => {
       const { shown: metrics } = tasks[task];
-      return table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, words(reward), ...metrics.map((one) => bare(one, figures[one.name]))]))));
+      return [this.several ? h("h3", {}, words(task)) : null, table([this.group, "stage", "reward", ...metrics.map((one) => `#${heading(one)}`)], plain(some.flatMap(({ group, stages }) => stages.map(({ name, reward, figures }) => [group.label, name, words(reward), ...metrics.map((one) => bare(one, figures[one.name]))]))))];
     });
-    return section("stages", "Stages of training", tables, says(`Training episodes of the newest tenth of each stage, all of them where none ended there${this.seeds ? ": means over the seeds of a group" : ""}.`));
+    return section("stages", "Stages of training", tables, this.tenths());
   }
+
+  /** What the figures of a stage are of. */
+  tenths() { return says(`Training episodes of the newest tenth of each stage, all of them where none ended there${this.seeds ? ": means over the seeds of a group" : ""}.`); }
 
   /** Those of each task have axes of their own. */
   curves() {

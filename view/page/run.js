@@ -89,7 +89,7 @@ function kitchens(live, run) {
   const reading = live.indexed < READ ? h("p", { class: "small soft" }, `Of the recordings ${reached(live.indexed)} are read so far.`) : null;
   // Of the oldest episodes, as yet.
   if (live.indexed < 0.9) return [reading];
-  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight fold meters${metrics.length > 2 ? " many" : ""}` },
+  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight meters${metrics.length > 2 ? " many" : ""}` },
     h("thead", {}, h("tr", {}, ["Kitchen", "Episodes", ...metrics.map(({ label }) => label)].map((head, at) => h("th", { scope: "col", class: at ? "number" : null }, head)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", { "data-head": "Kitchen" }, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),

@@ -43,7 +43,7 @@ function lines(own, report, place) {
   };
   const rows = means(own).sort((one, other) => place(one) - place(other)).map(line);
   return [h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Groups" }, h("thead", {}, h("tr", {}, head)), h("tbody", {}, rows))),
-    h("p", { class: "small faint" }, ways.size ? `Beneath a mean: its 95% interval, as in the report; ${[...ways].join("; ")}.` : "Intervals come with the report, when all runs have ended.", " Curves: of several seeds their mean; shaded, from the lowest seed to the highest.")];
+    h("p", { class: "small faint" }, ways.size ? `Beneath a mean: its 95% interval, as in the report; ${[...ways].join("; ")}.` : report ? "Intervals need evaluations: `[[evaluations]]` in the suite's file." : "Intervals come with the report, when all runs have ended.", " Curves: of several seeds their mean; shaded, from the lowest seed to the highest.")];
 }
 
 /** The data of a report's page. */

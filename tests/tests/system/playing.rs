@@ -122,7 +122,7 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
             "/Bring the [A-Z].* to its goal[^]*episode \\d+ in kitchen 7/.test(document.querySelector('main').innerText)",
         );
         browser.wait_for(
-            "/\\d episodes? shown to the end, SR \\d.*; \\d+ ha(s|ve) ended in all, SR \\d/.test(document.querySelector('main').innerText)",
+            "/Watched to the end: \\d, SR \\d.*; ended in all: \\d+, SR \\d/.test(document.querySelector('main').innerText)",
         );
         // The list of all that have ended is one click away.
         browser.wait_for("/^#.run.small-\\d+.episodes$/.test(document.querySelector('main a').hash)");
