@@ -205,7 +205,7 @@ lint: setup
 	cargo fmt --all --check
 	rustfmt --edition 2024 --check actor/simulator/src/tasks/*/mod.rs  # a build script lists them
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	@for part in fuzz fuzz/unsafe bench/wire; do \
+	@for part in fuzz fuzz/unsafe bench/wire orchestrator/schemas/compiler; do \
 		cargo metadata --locked --format-version 1 --manifest-path $$part/Cargo.toml >/dev/null || exit; \
 	done
 	@STRICT='$(STRICT)' deploy/check
