@@ -29,6 +29,7 @@ pub use supervisor::machine::Supervisor;
 
 use anyhow::Context;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use output::table::beside;
 use rustix::process::Signal;
 use std::process::ExitCode;
 
@@ -83,6 +84,16 @@ enum Command {
     Completions(command::completions::CompletionsArgs),
     Man(command::man::ManArgs),
 }
+
+/// The commands, as docs/commands.md groups them.
+const GROUPS: [(&str, &str); 6] = [
+    ("Before a run", "doctor test presets config"),
+    ("Train", "up resume suite import allow"),
+    ("Watch and steer", "status list logs compare top view play stop scale clean"),
+    ("Evaluate and report", "eval report"),
+    ("Recordings and weights", "replay recover export"),
+    ("Further", "kitchens completions man"),
+];
 
 pub fn main(version: &'static str) -> ExitCode {
     let matches = command_line().display_name(output::name::called()).version(version).try_get_matches();
@@ -139,7 +150,14 @@ fn command_line() -> clap::Command {
         let takes_value = argument.get_action().takes_values();
         if takes_value { argument.allow_negative_numbers(true) } else { argument }
     };
-    CommandLine::command().mut_subcommands(|command| command.mut_args(takes_numbers))
+    let line = CommandLine::command().mut_subcommands(|command| command.mut_args(takes_numbers));
+    let of = |name: &str| {
+        let about = line.find_subcommand(name).and_then(clap::Command::get_about).map(ToString::to_string);
+        beside(&format!("  {name:13}"), &about.unwrap_or_default(), output::terminal::width()).join("\n") + "\n"
+    };
+    let list = GROUPS.map(|(heading, names)| format!("{heading}:\n{}\n", names.split(' ').map(of).collect::<String>()));
+    let [before, after] = ["{about-with-newline}\n{usage-heading} {usage}\n\n", "Options:\n{options}{after-help}"];
+    line.help_template([before, &list.concat(), after].concat())
 }
 
 /// Refuses a current folder that was removed: libraries and children would fail in it for reasons that hide this one.
@@ -165,6 +183,20 @@ mod tests {
         };
         assert!(unreadable(std::io::ErrorKind::NotFound));
         assert!(!unreadable(std::io::ErrorKind::StaleNetworkFileHandle));
+    }
+
+    #[test]
+    fn the_help_has_each_command_once() {
+        let mut grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.split(' ')).collect();
+        grouped.sort_unstable();
+        let line = command_line();
+        let mut all: Vec<&str> = line.get_subcommands().map(clap::Command::get_name).collect();
+        all.sort_unstable();
+        assert_eq!(grouped, all);
+        let help = command_line().render_help().to_string();
+        let first = "Before a run:\n  doctor       Check";
+        assert!(help.contains(first) && help.contains("\n\nOptions:\n  -v, --verbose"), "{help}");
+        assert!(help.contains("Exit status: 0 when all went well"), "{help}");
     }
 
     #[test]

@@ -90,7 +90,7 @@ impl Report {
                 Origin::Policy(_) => "a policy file does not say how its weights were trained",
                 _ => "the run is not where it was: give its folder, too. How the weights were trained is not known",
             };
-            format!("{} ({}): {why}, so they stand in no row of the paper.", group.label, names.join(", "))
+            format!("{} ({}): {why}, so the paper's tables leave them out.", group.label, names.join(", "))
         }));
         let results = |group| GroupResults { group, results: results(group, options, &mut notes) };
         let entries: Vec<GroupResults<'_>> = groups.iter().map(results).collect();
@@ -129,7 +129,7 @@ fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
     }
     let sentence = |((drawn, played), labels): ((bool, String), BTreeSet<&str>)| {
         let labels = labels.into_iter().collect::<Vec<_>>().join(", ");
-        let apart = if drawn { " Not the paper's episodes: these figures stand in no row of its tables." } else { "" };
+        let apart = if drawn { " Not the paper's episodes: its tables leave these figures out." } else { "" };
         format!("Figures of {played}: {labels}.{apart}")
     };
     found.into_iter().map(sentence).collect()

@@ -10,7 +10,7 @@ use crate::output::{format, terminal};
 use crate::preflight::all::demand_all;
 use crate::preflight::programs::Tools;
 use crate::run::create::{check_free, create, new_folder};
-use crate::run::identity::unix_now;
+use crate::run::identity::{is_evaluation, unix_now};
 use crate::run::{lifeline, scenes};
 use crate::suite;
 use crate::wrong::{demand, wrong};
@@ -61,14 +61,14 @@ pub struct EvalArgs {
     /// One key of the configuration, over the preset and --config, as `orchestrator up` takes it; repeat it for more
     #[arg(long, value_name = "KEY=VALUE", requires = "preset", conflicts_with = "subject")]
     set: Vec<Setting>,
-    /// Kitchens [default: test; of a run in scenes of its own: those scenes]
+    /// Kitchens, `val` for validation [default: test; of a run in scenes of its own: those scenes]
     #[arg(long, value_enum)]
     split: Option<SplitChoice>,
     /// Instead of a split (whose name --split takes): one kitchen by its number, 1 to 30, or procedural ones, as
     /// 5000..5100, from 1000 on. A run in `count` of these has seen 1000 to 999 + `count`
     #[arg(long, value_name = "N|FIRST..END", value_parser = kitchens, conflicts_with = "split")]
     kitchens: Option<Chosen>,
-    /// Targets, of a task that has them: novel, seen in training, or all [default: novel; in scenes all that they have]
+    /// Targets, of a task that has them: novel (or `unseen`), seen in training, or all [default: novel; in scenes all that they have]
     #[arg(long, value_enum)]
     objects: Option<ObjectsChoice>,
     /// Episodes: the fixed ones at full distance, or drawn within the distances of the run's
@@ -178,7 +178,10 @@ pub fn run(args: &EvalArgs) -> Result<ExitCode> {
     if let Some(out) = &args.out {
         let is_file = out.extension().is_some_and(|ending| ending == "json" || ending == "csv");
         demand!(!is_file, "--out {0} is to be a folder; `--json > {0}` writes the result into a file", out.display());
-        check_free(&RunFolder::new(out))?;
+        let folder = RunFolder::new(out);
+        let holds_run = folder.identity().exists() && !is_evaluation(&folder);
+        demand!(!holds_run, "--out {} holds a run: give a new or empty folder for the evaluation", out.display());
+        check_free(&folder)?;
     }
     let (mut run, subject) = subject(args)?;
     if args.split.is_some() || args.kitchens.is_some() {
@@ -426,6 +429,14 @@ mod tests {
     fn args(line: &[&str]) -> EvalArgs {
         let command = EvalArgs::augment_args(clap::Command::new("eval").no_binary_name(true));
         EvalArgs::from_arg_matches(&command.get_matches_from(line)).unwrap()
+    }
+
+    #[test]
+    fn other_words_that_are_understood_stand_in_the_help() {
+        let args = args(&["a", "--split", "val", "--objects", "unseen"]);
+        assert!(matches!((args.split, args.objects), (Some(SplitChoice::Validation), Some(ObjectsChoice::Novel))));
+        let help = EvalArgs::augment_args(clap::Command::new("eval")).render_long_help().to_string();
+        assert!(help.contains("`val` for validation") && help.contains("(or `unseen`)"), "{help}");
     }
 
     #[test]

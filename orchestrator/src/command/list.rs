@@ -37,8 +37,7 @@ pub fn run(args: &ListArgs) -> Result<()> {
     let folders = if args.folders.is_empty() { usual() } else { args.folders.clone() };
     let cards = if folders.is_empty() { vec![] } else { RunReaders::once(folders).list() };
     if args.json {
-        terminal::out_json(&cards)?;
-        return Ok(());
+        return Ok(terminal::out_json(&cards)?);
     }
     print(&cards);
     Ok(())

@@ -1,7 +1,8 @@
-use crate::output::table::{aligned, beside};
+use crate::output::table::beside;
 use crate::output::terminal;
 use anyhow::Result;
 use proto::config::{Preset, presets};
+use serde_json::json;
 
 /// List the presets
 #[derive(Debug, clap::Args)]
@@ -13,26 +14,15 @@ pub struct PresetsArgs {
 
 pub fn run(args: &PresetsArgs) -> Result<()> {
     if args.json {
-        let list: Vec<_> = presets()
-            .iter()
-            .map(|preset| serde_json::json!({ "name": preset.name, "summary": preset.summary }))
-            .collect();
-        terminal::out_json(&list)?;
-        return Ok(());
+        let object = |preset: &Preset| json!({ "name": preset.name, "summary": preset.summary });
+        return Ok(terminal::out_json(&presets().iter().map(object).collect::<Vec<_>>())?);
     }
-    let cells = |preset: &Preset| vec![preset.name.clone(), preset.summary.clone()];
-    let Some(columns) = terminal::width() else {
-        for line in aligned(&presets().iter().map(cells).collect::<Vec<_>>()) {
-            terminal::out(&line);
-        }
-        return Ok(());
-    };
     for group in presets().chunk_by(|one, next| heading(&one.name) == heading(&next.name)) {
         terminal::out(heading(&group[0].name));
         let width = group.iter().map(|preset| preset.name.len()).max().unwrap_or_default();
         for preset in group {
             let head = format!("  {:width$}  ", preset.name);
-            for line in beside(&head, &preset.summary, Some(columns)) {
+            for line in beside(&head, &preset.summary, terminal::width()) {
                 terminal::out(&line);
             }
         }

@@ -7,7 +7,9 @@ use crate::suite;
 use crate::wrong::{demand, judged};
 use anyhow::Result;
 use proto::shell::quoted;
-use report::{Options, Report};
+use report::study::Origin;
+use report::{GroupReport, Options, Report};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Put runs and their evaluations on one page, beside the paper's figures
@@ -65,7 +67,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         }
         given.push(run.clone());
     }
-    let gathered = gather(&given)?;
+    let gathered = gather(&given, &args.runs)?;
     let runs = gathered.runs.len();
     let report = write(gathered, &options(&args.thresholds)?, &out)?;
     if args.json {
@@ -74,15 +76,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
     } else {
         print(&report, 1);
-        let groups = report.groups.len();
-        let evaluated = report.groups.iter().filter(|group| !group.results.is_empty()).count();
-        if runs > 1 || evaluated == 0 {
-            let (runs, groups) = (counted(runs as u64, "run"), counted(groups as u64, "group"));
-            terminal::out(&format!("{runs} in {groups}; groups evaluated: {evaluated}"));
-        }
-        if let (Some(run), 0) = (given.iter().find(|run| !suite::is_suite(run)), evaluated) {
-            terminal::out(&format!("`orchestrator eval {}` makes an evaluation", quoted(run)));
-        }
+        standing(&report, runs).iter().for_each(|line| terminal::out_wrapped(line));
         terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
         terminal::out(&format!("page: {}", out.join(PAGE).display()));
     }
@@ -90,6 +84,31 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         terminal::note(line);
     }
     Ok(())
+}
+
+/// How much of it is evaluated, what makes the first evaluation that is missing, and what the table leaves out.
+fn standing(report: &Report, runs: usize) -> Vec<String> {
+    let without: Vec<&GroupReport> = report.groups.iter().filter(|group| group.results.is_empty()).collect();
+    let evaluated = report.groups.len() - without.len();
+    let mut lines = Vec::new();
+    if runs > 1 || evaluated == 0 {
+        let groups = counted(report.groups.len() as u64, "group");
+        let labels = without.iter().map(|group| group.label.as_str()).collect::<Vec<_>>().join(", ");
+        let others = if without.is_empty() { String::new() } else { format!("; not evaluated: {labels}") };
+        lines.push(format!("{} in {groups}; groups evaluated: {evaluated}{others}", counted(runs as u64, "run")));
+    }
+    let mut missing = without.iter().flat_map(|group| &group.runs);
+    if let Some(run) = missing.find(|run| matches!(run.state, Origin::Run(_)) && run.evaluations.is_empty()) {
+        lines.push(format!("`orchestrator eval {}` makes an evaluation", quoted(&run.name)));
+    }
+    let seeds = report.groups.iter().flat_map(|group| &group.results).flat_map(|result| &result.seeds);
+    let shown: BTreeSet<_> = seeds.map(|seed| (&seed.run, &seed.evaluation)).collect();
+    let all: usize = report.groups.iter().flat_map(|group| &group.runs).map(|run| run.evaluations.len()).sum();
+    let others = all.saturating_sub(shown.len());
+    if others > 0 {
+        lines.push(format!("on the page alone: {}", counted(others as u64, "other evaluation")));
+    }
+    lines
 }
 
 /// The table of what is over so many seeds at least.
@@ -130,6 +149,12 @@ fn options(thresholds: &[f32]) -> Result<Options> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluation::testing::played;
+    use proto::config::Config;
+    use proto::evaluation::{Conditions, Cost, Evaluation, EvaluationConfig, ObjectSet, Subject};
+    use proto::kitchen::{KitchenId, Split};
+    use proto::run_state::RunState;
+    use report::study::{Evaluated, Run};
 
     #[test]
     fn a_report_that_names_no_folder_has_one_in_a_checkout() {
@@ -137,6 +162,40 @@ mod tests {
         let several = default_folder(&["runs/a".into(), "runs/b".into()]);
         check_free(&checkout.join(several)).unwrap();
         assert_eq!(default_folder(&["runs/a".into()]), Path::new("runs/a/report"));
+    }
+
+    /// A group that nobody evaluated was not named, nor was there a word of evaluations that do not count.
+    #[test]
+    fn what_is_not_evaluated_is_named_and_what_is_not_printed_is_counted() {
+        let run = |name: &str, clip, evaluations: &[bool]| {
+            let mut config = Config::resolve("demo", None).unwrap();
+            config.ppo.clip = clip;
+            let evaluation = |&deterministic: &bool| {
+                let asked =
+                    EvaluationConfig { deterministic, ..EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1) };
+                let record = played(KitchenId::of_split(Split::Test)[0], 6, &["success"]);
+                let (conditions, records) =
+                    (Conditions::of(&config, &asked, "cpu".to_owned()), [(record.clone(), vec![])]);
+                let result = Evaluation::of(config.spec(), Subject::default(), conditions, Cost::default(), &records);
+                let name = format!("deterministic-{deterministic}");
+                Evaluated { folder: name.clone().into(), name, result, episodes: vec![record] }
+            };
+            let evaluations = evaluations.iter().map(evaluation).collect();
+            let origin = Origin::Run(RunState::NotStarted);
+            let (name, rollouts, stages, validation) = (name.to_owned(), Vec::new(), Vec::new(), Vec::new());
+            Run { name, origin, config, rollouts, stages, evaluations, validation }
+        };
+        let lines = |runs: &[Run]| standing(&Report::of(runs, &Options::default(), Vec::new()).unwrap(), runs.len());
+        let runs = [run("a/one", 0.1, &[false, true]), run("a/two", 0.2, &[]), run("b/two", 0.3, &[])];
+        let eval = "`orchestrator eval a/two` makes an evaluation";
+        let all = [
+            "3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two, b/two",
+            eval,
+            "on the page alone: 1 other evaluation",
+        ];
+        assert_eq!(lines(&runs), all);
+        assert_eq!(lines(&runs[1..2]), ["1 run in 1 group; groups evaluated: 0; not evaluated: two", eval]);
+        assert_eq!(lines(&[run("a", 0.1, &[false])]), [""; 0]);
     }
 
     #[test]

@@ -78,6 +78,9 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
         events::begin();
     }
     let folder = RunFolder::new(&args.run);
+    if let Some(go_on) = suite::Standing::read(folder.root()).ok().and_then(|standing| standing.go_on()) {
+        reject!("{} is the folder of a suite: `{go_on}` goes on with it", folder.root().display());
+    }
     suite::refuse(folder.root())?;
     // Refuses what is no run before a lock file is made in it.
     Identity::read(&folder)?;

@@ -17,7 +17,7 @@ use crate::training::progress::frames_line;
 use crate::training::restarts::restarts;
 use crate::training::scores::Scores;
 use crate::training::summary::{Summary, table};
-use crate::training::wall::{Wall, signs_of_life, silent_s};
+use crate::training::wall::{Wall, is_idle, signs_of_life, silent_s};
 use crate::viewer::RunReaders;
 use anyhow::Result;
 use proto::config::Config;
@@ -52,6 +52,7 @@ pub struct StatusArgs {
 
 #[derive(Debug, Serialize)]
 struct Status {
+    folder: PathBuf,
     id: String,
     state: RunState,
     preset: String,
@@ -62,7 +63,6 @@ struct Status {
     stopped: Vec<Stopped>,
     #[serde(flatten)]
     work: Work,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     evaluations: Vec<Card>,
 }
 
@@ -118,7 +118,7 @@ impl Work {
         let newest = identity.incarnations.last().filter(|_| !at_rest);
         let silent_s = newest.map(|start| silent_s(start, seen.get(&start.number).copied()) as u64);
         Ok(Self::Training {
-            recent: Box::new(recent(&config.stages, &history, at_rest)),
+            recent: Box::new(recent(&config.stages, &history, at_rest || is_idle(identity, &history))),
             stages: by_stage(&config.stages, &history),
             weights: summary.map(|summary| summary.weights),
             wall: Wall::of(identity, &seen, !at_rest),
@@ -211,8 +211,7 @@ pub fn of_suite(root: &Path, json: bool) -> Result<()> {
             Ok(standing) => (Some(standing.counts()), None),
             Err(error) => (None, Some(format!("{error:#}"))),
         };
-        terminal::out_json(&SuiteStatus { folder: root, standing, problem, runs: cards })?;
-        return Ok(());
+        return Ok(terminal::out_json(&SuiteStatus { folder: root, standing, problem, runs: cards })?);
     }
     let standing = match read {
         Ok(standing) => standing,
@@ -273,6 +272,7 @@ pub fn run(args: &StatusArgs) -> Result<()> {
     let held = holder(&folder)?;
     let work = Work::read(&folder, &config, &identity, &held)?;
     let status = Status {
+        folder: folder.root().to_path_buf(),
         id: identity.id.clone(),
         state: state_of(&identity, &held, work.is_complete()),
         preset: config.preset.clone(),
@@ -287,14 +287,13 @@ pub fn run(args: &StatusArgs) -> Result<()> {
         evaluations: evaluations(&folder),
     };
     if args.json {
-        terminal::out_json(&status)?;
-        return Ok(());
+        return Ok(terminal::out_json(&status)?);
     }
     let by = match &held {
         LockState::By(holder) => format!(" ({holder})"),
         LockState::Free | LockState::Unsigned => String::new(),
     };
-    let Status { id, state, preset, seed, incarnations, recordings, stopped, work, evaluations } = status;
+    let Status { id, state, preset, seed, incarnations, recordings, stopped, work, evaluations, .. } = status;
     terminal::out_wrapped(&format!("{} {id} {state}{by}: preset {preset}, seed {seed}", work.name()));
     if let Some(last) = incarnations.last() {
         terminal::out_wrapped(&format!("start {} at {}", last.number, format::date(last.started_unix_s)));

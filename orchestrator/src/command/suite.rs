@@ -166,7 +166,7 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         terminal::note("no run could be begun: there is nothing to report on");
         tell(None)?;
     } else {
-        let report = files::write(gather(&begun)?, &Options::default(), &folder.report())?;
+        let report = files::write(gather(&begun, &[])?, &Options::default(), &folder.report())?;
         if !args.json {
             super::report::print(&report, 2);
         }
@@ -233,28 +233,22 @@ fn training_time(suite: &Suite, earlier: &[Card]) -> String {
         return format!("about {} of training, as fast as earlier runs of the same presets", text(known_s));
     }
     let round = text(suite.entries.iter().map(frames).sum::<f64>() / 1000.0);
-    format!("at 1,000 frames/s that is {round} of training; no earlier run of these presets tells this machine's")
+    let unknown = "no earlier run of these presets was found, so this machine's rate is not known";
+    format!("at 1,000 frames/s that is {round} of training; {unknown}")
 }
 
 fn again(args: &SuiteArgs) -> String {
-    let mut call = vec![program(), "suite".to_owned(), quoted(&args.file)];
-    if let Some(out) = &args.out {
-        call.extend(["--out".to_owned(), quoted(out)]);
-    }
-    if !args.gpus.is_empty() {
-        call.extend(["--gpus".to_owned(), quoted(args.gpus.join(","))]);
-    }
-    if !args.seed.is_empty() {
-        let seeds: Vec<String> = args.seed.iter().map(u64::to_string).collect();
-        call.extend(["--seed".to_owned(), seeds.join(",")]);
-    }
-    if let Some(table) = &args.table {
-        call.extend(["--table".to_owned(), quoted(table)]);
-    }
-    if args.json {
-        call.push("--json".to_owned());
-    }
-    call.join(" ")
+    let list = |values: &[String]| (!values.is_empty()).then(|| quoted(values.join(",")));
+    let seeds: Vec<String> = args.seed.iter().map(u64::to_string).collect();
+    let options = [
+        ("--out", args.out.as_ref().map(quoted)),
+        ("--gpus", list(&args.gpus)),
+        ("--seed", list(&seeds)),
+        ("--table", args.table.as_ref().map(quoted)),
+    ];
+    let options = options.into_iter().filter_map(|(name, value)| Some(format!(" {name} {}", value?)));
+    let json = if args.json { " --json" } else { "" };
+    format!("{} suite {}{}{json}", program(), quoted(&args.file), options.collect::<String>())
 }
 
 /// Refuses runs that could not begin, before the first does. A run that has begun has its own copy of its scenes.
@@ -326,8 +320,8 @@ mod tests {
         let earlier = [run("demo", None), run("demo", Some(800.0)), run("demo", Some(1.0))];
         let known = "about 2 min 30 s of training, as fast as earlier runs of the same presets";
         assert_eq!(training_time(&suite, &earlier), known);
-        let unknown =
-            "at 1,000 frames/s that is 2 min 00 s of training; no earlier run of these presets tells this machine's";
+        let unknown = "at 1,000 frames/s that is 2 min 00 s of training; no earlier run of these presets was found, so this \
+                       machine's rate is not known";
         assert_eq!(training_time(&suite, &[run("paper", Some(800.0))]), unknown);
     }
 

@@ -7,7 +7,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use proto::config::{Config, ConfigError, Setting, SettingError, presets};
 use proto::likeness::{likeness, nearest};
 use proto::shell::quoted;
-use view::data::Runs;
+use view::data::{Card, Runs};
 
 /// What the standard library says of a word in a number's place, and what we say.
 const NO_NUMBERS: [(&str, &str); 2] =
@@ -93,17 +93,14 @@ const OPTIONS: &[(&str, &str, &str)] = &[
         "out output output-dir logdir log-dir log-folder name exp-name run-name experiment-name",
     ),
     ("up", "it is `--set episode.max_steps=STEPS` of an episode, `--frames N` of a run", "max-steps max-episode-steps"),
-    ("up", "it is `--set checkpoint.interval_s=SECONDS`", "save-freq save-interval"),
+    ("up", "it is `--set checkpoint.interval_s=SECONDS`, in seconds", "save-freq save-interval"),
     ("up", "it is `--set validation.every_frames=N`", "eval-freq eval-interval"),
     ("up", "it is `--seed S`", "s"),
     ("up", "there is one algorithm, DD-PPO; `orchestrator config` prints its keys, `[ppo]`", "algo algorithm agent"),
     ("up", "it is `--set 'stages=[{ name = \"I\", reward = \"r\", frames = N }]'`", "reward reward-function"),
-    (
-        "up",
-        "`orchestrator config` prints what a run would do, `orchestrator doctor` checks the machine",
-        "dry-run print-config",
-    ),
-    ("up", "it is `--preset NAME`", "p"),
+    ("up", "`orchestrator config` prints what a run would do, `orchestrator doctor` checks it", "dry-run print-config"),
+    ("up", "it is `--preset NAME`", "p config-name"),
+    ("up", "`orchestrator suite FILE` trains a `grid` of settings (`orchestrator suite --help`)", "multirun m"),
     ("up", "it is `--set network.memory=none`", "gru lstm rnn recurrent"),
     (
         "up",
@@ -111,11 +108,13 @@ const OPTIONS: &[(&str, &str, &str)] = &[
         "camera robot fov camera-height camera-fov camera-pitch robot-height",
     ),
     ("suite", "it is `--check`", "dry-run"),
+    ("status", "`orchestrator top RUN` follows a run", "watch w follow f"),
     ("list", "the newest comes first, and `orchestrator list --json` gives all to sort", "sort"),
     ("logs", "it is `-n N`, the last lines", "tail lines"),
     ("view", "it is `--address IP`", "host bind listen"),
     ("logs", "every line has its level: `orchestrator logs RUN | grep WARN`", "level log-level severity"),
     ("compare", "it is of `orchestrator report`", "threshold out table"),
+    ("compare", "it is `--json`", "csv"),
     ("replay", "it is `--images DIR`", "out output output-dir o"),
     ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
     ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps max-iterations"),
@@ -124,6 +123,7 @@ const OPTIONS: &[(&str, &str, &str)] = &[
         "it is the first word, as in `orchestrator eval RUN/checkpoints/rollout-NUMBER.json`",
         "checkpoint ckpt load load-run model policy",
     ),
+    ("eval", "it is `--deterministic`", "greedy"),
     ("eval", "it is `--episodes N`", "n-eval-episodes num-episodes n-episodes eval-episodes"),
     (
         "",
@@ -174,9 +174,26 @@ fn assigned(word: &str, line: &clap::Command) -> Option<String> {
     let Some(known) = ours("up", key.rsplit('.').next()?) else {
         return Some(format!("each key has a `--set` of its own: `--set {word}`"));
     };
-    let setting = known.strip_prefix("here it is `--set ").and_then(|rest| rest.strip_suffix('`')?.split_once('='));
-    let setting = setting.filter(|(key, _)| !key.starts_with('\''));
-    Some(setting.map_or_else(|| known.clone(), |(ours, _)| format!("here it is `--set {ours}={value}`")))
+    Some(with_value(known, Some(value)))
+}
+
+/// A tip that ends in an option with a placeholder, with the value that was typed: `--set ppo.learning_rate=1e-3`.
+fn with_value(tip: String, value: Option<&str>) -> String {
+    let filled = |value: &str| {
+        let option = tip.strip_prefix("here it is `")?.strip_suffix('`')?;
+        let (before, placeholder) = option.split_at(option.rfind(['=', ' '])? + 1);
+        let is_one = placeholder == "true" || placeholder.bytes().all(|letter| letter.is_ascii_uppercase());
+        let fits = before.strip_prefix("--set ").is_none_or(|key| format!("{key}{value}").parse::<Setting>().is_ok());
+        (is_one && fits && !before.contains('`')).then(|| format!("here it is `{before}{}`", quoted(value)))
+    };
+    value.and_then(filled).unwrap_or(tip)
+}
+
+/// The value that was typed with an option: `--lr 1e-3`, `--lr=1e-3`.
+fn typed<'a>(words: &'a [String], option: &str) -> Option<&'a str> {
+    let at = words.iter().position(|word| word.split('=').next() == Some(option))?;
+    let next = || words.get(at + 1).filter(|next| !next.starts_with('-') || next.parse::<f64>().is_ok());
+    words[at].split_once('=').map(|(_, value)| value).or_else(|| next().map(String::as_str))
 }
 
 /// The key of `--set KEY VALUE` before this value.
@@ -201,10 +218,12 @@ fn preset_of_task(words: &[String]) -> Option<String> {
     Some(format!("a preset has a task: `--preset {preset}`"))
 }
 
-/// The newest run below `runs/`, as an example of what is missing.
+/// The newest run below `runs/`, as an example of what is missing. What is evaluated, reported or filmed has trained.
 fn newest_run(command: &str) -> Option<String> {
     let cards = RunReaders::once(vec![RUNS.into()]).list();
-    let newest = cards.into_iter().find(|card| !card.evaluation && card.problem.is_none())?;
+    let needs_frames = ["eval", "report", "replay"].contains(&command);
+    let is_fit = |card: &Card| !card.evaluation && card.problem.is_none() && (card.done > 0 || !needs_frames);
+    let newest = cards.into_iter().find(is_fit)?;
     Some(format!("the newest is `orchestrator {command} {}`", quoted(&newest.folder)))
 }
 
@@ -342,7 +361,9 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
         }),
         ErrorKind::UnknownArgument => {
             let usage = text(ContextKind::Usage).unwrap_or_default();
-            text(ContextKind::InvalidArg).and_then(|word| unknown_argument(&word, command_of(&usage), line, words))
+            let word = text(ContextKind::InvalidArg)?;
+            let tip = unknown_argument(&word, command_of(&usage), line, words)?;
+            Some(with_value(tip, typed(words, &word)))
         }
         ErrorKind::MissingRequiredArgument => {
             let usage = text(ContextKind::Usage).unwrap_or_default();
@@ -359,16 +380,18 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
                 "apng moves wherever a GIF does, and `ffmpeg -i FILM.mp4 FILM.gif` makes a GIF of a film".to_owned(),
             ),
             "gpu" | "GPU" => Some("it is `cuda`".to_owned()),
+            "unseen" | "novel" => Some("unseen kitchens are those of `test`".to_owned()),
             _ => None,
         },
         ErrorKind::ValueValidation => text(ContextKind::InvalidValue).and_then(|setting| {
-            let (key, _) = setting.split_once('=')?;
+            let (key, value) = setting.split_once('=')?;
             let (first, last) = (key.trim().split('.').next()?, key.trim().rsplit('.').next()?);
             // A value that is wrong is no key of another program.
             let Err(SettingError::UnknownKey { nearest, .. }) = setting.parse::<Setting>() else { return None };
             let is_unknown =
                 |key: &str| matches!(format!("{key}=0").parse::<Setting>(), Err(SettingError::UnknownKey { .. }));
             let theirs = ours("up", last).or_else(|| ours("up", first).filter(|_| is_unknown(first)));
+            let theirs = theirs.map(|tip| with_value(tip, Some(value.trim())));
             theirs.or_else(|| nearest.is_none().then(|| ALL_KEYS.to_owned()))
         }),
         _ => None,
@@ -441,18 +464,18 @@ mod tests {
             (&["kitchens", "7"], "tip: it is drawn by `--kitchens 7`"),
             (&["resume", "--run", "first"], "tip: the run comes without `--run`: `orchestrator resume first`"),
             (&["eval", "--run=my run"], "tip: the run comes without `--run`: `orchestrator eval 'my run'`"),
-            (&["up", "-p", "demo"], "tip: here it is `--preset NAME`"),
+            (&["up", "-p", "demo"], "tip: here it is `--preset demo`"),
             (&["logs", "a", "--tail", "3"], "tip: here it is `-n N`, the last lines"),
-            (&["view", "--host", "a"], "tip: here it is `--address IP`"),
+            (&["view", "--host", "a"], "tip: here it is `--address a`"),
             (&["list", "--sort"], "tip: here the newest comes first"),
             (&["help", "upp"], "tip: did you mean `up`?"),
-            (&["replay", "a", "--out", "b"], "tip: here it is `--images DIR`"),
+            (&["replay", "a", "--out", "b"], "tip: here it is `--images b`"),
             (&["replay", "a", "--format", "gif"], "tip: apng moves wherever a GIF does"),
             (&["eval", "a", "--split", "test", "--kitchens", "7"], "tip: leave out one of the two"),
             (&["config", "--set", "network.gru=false"], "tip: here it is `--set network.memory=none`"),
             (&["config", "--set", "network.recurrent=false"], "tip: here it is `--set network.memory=none`"),
             (&["config", "--set", "camera.height=1.2"], "tip: here the robot's and the camera's dimensions are no"),
-            (&["up", "-s", "1"], "tip: here it is `--seed S`"),
+            (&["up", "-s", "1"], "tip: here it is `--seed 1`"),
             (
                 &["up", "--algo", "ppo"],
                 "tip: here there is one algorithm, DD-PPO; `orchestrator config` prints its keys",
@@ -467,12 +490,25 @@ mod tests {
             (&["presets", "--jsn"], "tip: a similar argument exists: '--json'"),
             (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),
             (&["scale", "runs/a", "40"], "tip: their number is given as `--actors 40`"),
-            (&["up", "--lr", "3e-4"], "tip: here it is `--set ppo.learning_rate=RATE`"),
-            (&["up", "--num-steps", "128"], "tip: here it is `--set ppo.rollout_steps=STEPS`"),
+            (&["up", "--lr", "3e-4"], "tip: here it is `--set ppo.learning_rate=3e-4`"),
+            (&["up", "--lr=3e-4"], "tip: here it is `--set ppo.learning_rate=3e-4`"),
+            (&["up", "--lr", "--seed", "1"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--lr", "fast"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--save-freq", "9"], "tip: here it is `--set checkpoint.interval_s=SECONDS`, in seconds"),
+            (&["up", "--clip-vloss", "false"], "tip: here it is `--set ppo.clip_value=false`"),
+            (&["up", "--run-name", "my run"], "tip: here it is `--run 'my run'`"),
+            (&["up", "--config-name", "demo"], "tip: here it is `--preset demo`"),
+            (&["up", "--multirun", "ppo.lr=1,2"], "tip: here `orchestrator suite FILE` trains a `grid` of"),
+            (&["up", "-m"], "tip: here `orchestrator suite FILE` trains a `grid` of"),
+            (&["eval", "a", "--greedy"], "tip: here it is `--deterministic`"),
+            (&["eval", "a", "--split", "unseen"], "tip: unseen kitchens are those of `test`"),
+            (&["status", "a", "--watch"], "tip: here `orchestrator top RUN` follows a run"),
+            (&["compare", "a", "b", "--csv"], "tip: here it is `--json`"),
+            (&["up", "--num-steps", "128"], "tip: here it is `--set ppo.rollout_steps=128`"),
             (&["up", "--set", "num_envs=8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
-            (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=STEPS`"),
-            (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
-            (&["up", "--set", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=128`"),
+            (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
+            (&["up", "--set", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
             (&["config", "--set", "batch_size=4"], "tip: here it is `--set ppo.minibatches=N`, how many of them"),
             (&["up", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
             (&["up", "lr=1e-3", "--preset", "demo"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
@@ -482,15 +518,15 @@ mod tests {
             (&["up", "--set", "clip_range_vf=0.2"], "tip: here it is `--set ppo.clip_value=true`"),
             (&["up", "--scene", "a.toml"], "tip: here it is `--set 'scenes=[\"FILE.toml\"]'`"),
             (&["video", "runs/a"], "tip: `orchestrator replay` does that"),
-            (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames N`"),
+            (&["up", "--set", "total_timesteps=1e6"], "tip: here it is `--frames 1e6`"),
             (&["up", "--preset", "demo", "--num_envs", "8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
             (&["up", "--num-envs", "8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
-            (&["up", "--gamma", "0.9"], "tip: here it is `--set ppo.gamma=VALUE`"),
-            (&["up", "--gae_lambda", "0.9"], "tip: here it is `--set ppo.gae_lambda=VALUE`"),
-            (&["config", "--lr", "1e-3"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--gamma", "0.9"], "tip: here it is `--set ppo.gamma=0.9`"),
+            (&["up", "--gae_lambda", "0.9"], "tip: here it is `--set ppo.gae_lambda=0.9`"),
+            (&["config", "--lr", "1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
             (&["up", "--checkpoint", "a"], "tip: here it is `--from RUN`"),
             (&["eval", "runs/a", "--checkpoint", "b"], "tip: here it is the first word, as in `orchestrator eval RUN/"),
-            (&["up", "--total_timesteps", "9"], "tip: here it is `--frames N`"),
+            (&["up", "--total_timesteps", "9"], "tip: here it is `--frames 9`"),
             (&["resume", "runs/a", "--total-timesteps", "9"], "tip: here it is `--frames N`, of the whole run"),
             (&["up", "--max-steps", "9"], "tip: here it is `--set episode.max_steps=STEPS` of an episode"),
             (&["up", "--wandb"], "tip: here TensorBoard's files are in RUN/tensorboard;"),
@@ -526,7 +562,7 @@ mod tests {
     #[test]
     fn beside_what_another_name_means_no_name_is_guessed() {
         let error = answer(&["up", "--set", "ppo.clip_range=0.1"]);
-        assert!(error.contains("`clip_range`\n\n  tip: here it is `--set ppo.clip=CLIP`"), "{error}");
+        assert!(error.contains("`clip_range`\n\n  tip: here it is `--set ppo.clip=0.1`"), "{error}");
         assert!(answer(&["up", "--set", "gamma=0.9"]).contains("(did you mean `ppo.gamma`?)"));
         assert!(answer(&["up", "--set", "learning_rate=1e-3"]).contains("(did you mean `ppo.learning_rate` or "));
     }
@@ -543,7 +579,7 @@ mod tests {
                 &["up", "--set", "seed=1", "ppo.clip=0.2"],
                 "tip: each key has a `--set` of its own: `--set ppo.clip=0.2`",
             ),
-            (&["up", "--ppo.clip=0.2"], "tip: here it is `--set ppo.clip=VALUE`"),
+            (&["up", "--ppo.clip=0.2"], "tip: here it is `--set ppo.clip=0.2`"),
             (&["up", "--set", "curriculum=none"], "tip: `orchestrator config` prints all keys"),
             (&["up", "--set", "checkpoint.every_frames=8"], "tip: `orchestrator config` prints all keys"),
             (&["logs", "a", "--level", "warn"], "tip: here every line has its level"),

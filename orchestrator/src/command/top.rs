@@ -41,8 +41,7 @@ pub fn run(args: &TopArgs) -> Result<()> {
     };
     ensure!(
         std::io::stdout().is_terminal(),
-        "top draws on a terminal, and standard output is none: `orchestrator status RUN` prints how a run stands, with \
-         --json for scripts"
+        "top needs a terminal: `orchestrator status RUN` prints how a run stands, with --json for scripts"
     );
     if std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb") {
         bail!(

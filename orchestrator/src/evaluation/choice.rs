@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum SplitChoice {
     Train,
-    #[value(aliases = ["val", "valid"])]
+    #[value(alias = "val")]
     Validation,
     Test,
 }

@@ -5,7 +5,7 @@ use proto::evaluation::{
     CategoryFigures, Cost, Distribution, Evaluation, EvaluationConfig, Figures, KitchenFigures, ObjectSet,
     SEEDED_EPISODES, describe, seed_of,
 };
-use proto::kitchen::{KitchenId, KitchenRange, Split};
+use proto::kitchen::{KitchenId, KitchenRange, Split, TargetCategory};
 use proto::run_folder::BEST;
 use proto::task::{Described, Spec};
 use report::statistics::{Interval, wilson};
@@ -114,6 +114,13 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Ve
     let row = |row: &ResultRow| [vec![row.name.clone(), row.episodes.to_string()], row.cells.clone()].concat();
     let table: Vec<Vec<String>> = std::iter::once(head).chain(results.rows.iter().map(row)).collect();
     lines.extend(blocks(&table, columns).iter().flat_map(|block| right_aligned(block, 1)));
+    let (played, in_set) = (evaluation.categories.len(), |one: &&TargetCategory| conditions.objects.contains(**one));
+    let asked = TargetCategory::ALL.iter().filter(in_set).count();
+    if conditions.scenes.is_empty() && (1..asked).contains(&played) {
+        lines.push(format!(
+            "{played} of {asked} target categories were played: `--episodes` in multiples of 6 plays all"
+        ));
+    }
     lines.extend(results.intervals);
     let figures: Vec<String> = results.figures.iter().map(|[label, figure, _]| format!("{label} {figure}")).collect();
     lines.extend(wrapped(&figures.join("  "), columns.unwrap_or(UNBROKEN)));
@@ -217,7 +224,9 @@ mod tests {
         assert_eq!(printed[1], head);
         let all =
             "all                  1     1.0  100.0%    0.0%              0.0%     100.0%            0.000       0.00";
-        assert_eq!(printed[printed.len() - 8], all);
+        assert_eq!(printed[printed.len() - 9], all);
+        let played = "1 of 6 target categories were played: `--episodes` in multiples of 6 plays all";
+        assert_eq!(printed[printed.len() - 8], played);
         assert_eq!(printed[printed.len() - 7], "SR 100.0%, Wilson's 95% interval 20.7% to 100.0%");
         let figures = "disturbance per success 0.000 m  success but unsafe 0.0%  unsafe of the successes 0.0%  worst";
         assert!(printed[printed.len() - 3].starts_with(figures), "{printed:#?}");

@@ -11,9 +11,11 @@ use anyhow::{Context, Result, bail};
 use proto::config::{Config, StageConfig};
 use proto::evaluation::{RESULT_FILE, Subject};
 use proto::run_folder::{Item, RunFolder};
+use proto::run_state::{Ending, RunState};
 use proto::task::Spec;
 use proto::trained::{History, Trained};
-use report::study::{Evaluated, Origin, Rollout, Run, Validated};
+use report::study::{Evaluated, Origin, Rollout, Run, Validated, experiment};
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -44,8 +46,9 @@ impl Given {
 
 /// The runs meant by `paths`: run folders, evaluation folders, or folders that hold runs. Evaluations of a given run
 /// are attached to it. Other evaluations are grouped by their run, or by their weights if these are untrained. A folder
-/// that cannot be read becomes a note, as long as there is another.
-pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
+/// that cannot be read becomes a note, as long as there is another; so does a run whose experiment and seed another one
+/// has, unless it is one of `named`.
+pub fn gather(paths: &[PathBuf], named: &[PathBuf]) -> Result<Gathered> {
     let mut runs: Vec<Given> = Vec::new();
     let mut unclaimed: Vec<UnclaimedEvaluation> = Vec::new();
     let mut notes = Vec::new();
@@ -97,7 +100,34 @@ pub fn gather(paths: &[PathBuf]) -> Result<Gathered> {
             None => alone.push(one),
         }
     }
-    Ok(Gathered { runs: runs.into_iter().map(|known| known.run).chain(alone).collect(), notes })
+    let runs = one_of_a_seed(runs.into_iter().map(|known| known.run).chain(alone).collect(), named, &mut notes);
+    Ok(Gathered { runs, notes })
+}
+
+/// Each experiment with each seed once: its complete run, else the longest, else the newest. All that are `named` stay.
+fn one_of_a_seed(runs: Vec<Run>, named: &[PathBuf], notes: &mut Vec<String>) -> Vec<Run> {
+    let named: Vec<PathBuf> = named.iter().filter_map(|path| std::fs::canonicalize(path).ok()).collect();
+    let rank = |run: &Run| {
+        let is_named = std::fs::canonicalize(&run.name).is_ok_and(|place| named.contains(&place));
+        let is_complete = run.origin == Origin::Run(RunState::Ended(Ending::Complete));
+        let frames = run.rollouts.last().map_or(0, |rollout| rollout.frames);
+        let begun_unix_s = Identity::read(&RunFolder::new(&run.name)).map_or(0, |identity| identity.created_unix_s);
+        (is_named, is_complete, frames, begun_unix_s)
+    };
+    let known: Vec<_> = runs.iter().map(|run| (experiment(run), rank(run), run.name.clone())).collect();
+    let kept = runs.into_iter().enumerate().filter(|(index, run)| {
+        let (experiment, (is_named, ..), name) = &known[*index];
+        let same = known.iter().enumerate().filter(|(_, (other, ..))| other == experiment);
+        let best = same.max_by_key(|(index, (_, rank, _))| (rank, Reverse(*index)));
+        let Some((_, (.., best))) = best.filter(|(best, _)| best != index && !is_named) else { return true };
+        notes.push(format!(
+            "{name} is left out: {best} is the same experiment with the same seed {}. Of such runs a complete one counts, \
+             else the longest, else the newest.",
+            run.config.seed
+        ));
+        false
+    });
+    kept.map(|(_, run)| run).collect()
 }
 
 fn no_run(folder: &Path) -> Result<&'static str> {
@@ -221,9 +251,44 @@ mod tests {
     };
     use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
-    use proto::run_state::RunState;
-    use report::study::groups;
+    use report::study::{StudyError, groups};
     use report::{Options, Report};
+
+    fn gather(paths: &[PathBuf]) -> Result<Gathered> {
+        super::gather(paths, paths)
+    }
+
+    /// A folder with a seed twice could not be reported on.
+    #[test]
+    fn a_seed_that_a_folder_has_twice_counts_once_unless_both_are_named() {
+        let temporary = tempfile::tempdir().unwrap();
+        let at = |name: &str| temporary.path().join(name);
+        begin(&at("runs/a"), |_| {});
+        begin(&at("runs/b"), |_| {});
+        let below = gather(&[at("runs")]).unwrap();
+        assert_eq!((below.runs.len(), below.notes.len()), (1, 1), "{:?}", below.notes);
+        for [named, other] in [["a", "b"], ["b", "a"]].map(|names| names.map(|name| at(&format!("runs/{name}")))) {
+            let gathered = gather(&[at("runs"), named.clone()]).unwrap();
+            assert_eq!(gathered.runs[0].name, named.display().to_string());
+            let note = format!("{} is left out: {} is the same experiment", other.display(), named.display());
+            assert!(gathered.notes[0].starts_with(&note), "{:?}", gathered.notes);
+        }
+        let both = gather(&[at("runs/a"), at("runs/b")]).unwrap();
+        assert!(matches!(groups(&both.runs), Err(StudyError::SameSeed { .. })));
+
+        // Neither is named: the newest, but the longest before it, but the complete one before that.
+        let folder = RunFolder::new(at("runs/b"));
+        let identity = Identity::read(&folder).unwrap();
+        Identity { created_unix_s: identity.created_unix_s + 9, ..identity }.write(&folder).unwrap();
+        let mut runs = both.runs;
+        let mut counts =
+            |runs: &[Run]| Path::new(&one_of_a_seed(runs.to_vec(), &[], &mut vec![])[0].name).ends_with("b");
+        assert!(counts(&runs));
+        runs[0].rollouts = vec![Rollout { frames: 9, ..Rollout::default() }];
+        assert!(!counts(&runs));
+        runs[1].origin = Origin::Run(RunState::Ended(Ending::Complete));
+        assert!(counts(&runs));
+    }
 
     /// An evaluation's folder: one episode, weights that are named by a letter.
     fn evaluate(folder: &Path, split: Split, run: Option<&Path>, weights: &str) {

@@ -282,7 +282,7 @@ impl Planned {
         if let Some(frames) = frames {
             let steps = u64::from(config.ppo.rollout_steps) * config.stages.len() as u64;
             let least = config.environments() as u64 * steps;
-            ensure!(frames >= least, "frames = {frames} is too few: a rollout for each stage is {}", count(least));
+            ensure!(frames >= least, "frames = {frames}: it needs at least {}, a rollout for each stage", count(least));
             let too_few = |TooFewFrames { total, stages }| {
                 anyhow::anyhow!("frames = {total} is too few for {}", counted(stages as u64, "stage"))
             };
@@ -617,7 +617,10 @@ mod tests {
         assert!(many.contains("runs so far; a suite has at most"), "{many}");
         assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
         let few = problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n");
-        assert_eq!(few, "[[runs]] number 1, preset `demo`: frames = 1 is too few: a rollout for each stage is 2,432");
+        assert_eq!(
+            few,
+            "[[runs]] number 1, preset `demo`: frames = 1: it needs at least 2,432, a rollout for each stage"
+        );
         let same = problem("seeds = [1]\n[[runs]]\npreset = \"lambda-15\"\n[[runs]]\npreset = \"disturb-two-stage\"\n");
         assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
         let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";

@@ -42,6 +42,8 @@ pub struct Progress {
     stages: Vec<StageConfig>,
     overlap: bool,
     doing: Doing,
+    /// Whether a rollout was trained since the learner began.
+    trains: bool,
     since: Duration,
     waiting: Option<Waiting>,
     live: Live,
@@ -51,7 +53,7 @@ impl Progress {
     pub fn new(config: &Config) -> Self {
         let (doing, since, waiting) = (Doing::Starting, Duration::ZERO, None);
         let (metrics, stages, overlap) = (config.spec().shown(), config.stages.clone(), config.ppo.overlap);
-        Self { metrics, stages, overlap, doing, since, waiting, live: Live::default() }
+        Self { metrics, stages, overlap, doing, trains: false, since, waiting, live: Live::default() }
     }
 
     pub fn learner(&mut self, now: Duration, event: &LearnerEvent) {
@@ -79,6 +81,7 @@ impl Progress {
             | LearnerEvent::CheckpointWritten { .. }
             | LearnerEvent::EpisodePlayed { .. } => return,
         };
+        self.trains |= matches!(event, LearnerEvent::RolloutTrained { .. });
         self.doing = doing;
         self.since = now;
         self.waiting = None;
@@ -87,6 +90,7 @@ impl Progress {
     pub fn learner_died(&mut self, now: Duration) {
         if !matches!(self.doing, Doing::Leaving { .. }) {
             self.doing = Doing::Starting;
+            self.trains = false;
             self.since = now;
             self.waiting = None;
         }
@@ -96,16 +100,19 @@ impl Progress {
     /// for it.
     pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
         if self.live.is_due(now) {
-            let recent = recent(&self.stages, history, false);
-            let doing = self.doing(now, validating);
-            let line = if let Some(columns) = self.live.columns() {
-                short_line(&self.metrics, &self.stages, &recent, &doing, self.is_usual(now), columns)
-            } else {
-                let parts = [frames_line(&self.stages, &recent), figures_line(&self.metrics, &recent), doing];
-                parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(BETWEEN)
-            };
+            let line = self.line(now, history, validating, self.live.columns());
             self.live.show(line);
         }
+    }
+
+    fn line(&self, now: Duration, history: &History, validating: bool, columns: Option<usize>) -> String {
+        let recent = recent(&self.stages, history, !self.trains);
+        let doing = self.doing(now, validating);
+        if let Some(columns) = columns {
+            return short_line(&self.metrics, &self.stages, &recent, &doing, self.is_usual(now), columns);
+        }
+        let parts = [frames_line(&self.stages, &recent), figures_line(&self.metrics, &recent), doing];
+        parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(BETWEEN)
     }
 
     /// Nothing that whoever watches should know first.
@@ -281,6 +288,30 @@ mod tests {
         let frames = frames_line(&stages(), &recent(&stages(), &history(30), false));
         assert!(frames.starts_with("1,500 / 1,500 frames  100.0%") && !frames.contains("left"), "{frames}");
         assert!(frames.contains("25.0 frames/s, mean: simulate"), "{frames}");
+    }
+
+    /// On a resume the rate of the start before was called "now", and said what was left.
+    #[test]
+    fn before_a_rollout_is_trained_no_rate_is_of_now_and_no_time_is_left() {
+        let seconds = Duration::from_secs;
+        let mut progress = Progress::new(&config(false));
+        let lines = |progress: &Progress| {
+            [None, Some(200)].map(|columns| progress.line(seconds(3), &history(22), false, columns)).join("\n")
+        };
+        let is_idle = |lines: &str| lines.contains("25.0 frames/s, mean") && !lines.contains(" left");
+        assert!(is_idle(&lines(&progress)), "{}", lines(&progress));
+        let ready = LearnerEvent::RolloutCollected { rank: 0, rollout: 22, frames: 1150, here: 50 };
+        progress.learner(seconds(1), &ready);
+        assert!(is_idle(&lines(&progress)), "{}", lines(&progress));
+        let (timing, metrics) = (proto::event::Timing::default(), BTreeMap::new());
+        progress.learner(
+            seconds(2),
+            &LearnerEvent::RolloutTrained { rank: 0, rollout: 22, frames: 1150, stage: 1, timing, metrics },
+        );
+        let trains = lines(&progress);
+        assert!(trains.contains("25.0 frames/s now") && trains.matches(" left").count() == 2, "{trains}");
+        progress.learner_died(seconds(3));
+        assert!(is_idle(&lines(&progress)), "{}", lines(&progress));
     }
 
     #[test]

@@ -31,6 +31,12 @@ pub fn signs_of_life(history: &History) -> BTreeMap<u32, Sign> {
     seen
 }
 
+/// Whether the newest start has trained nothing yet.
+pub fn is_idle(identity: &Identity, history: &History) -> bool {
+    let newest = history.iter().next_back().map(|trained| trained.incarnation);
+    identity.incarnations.last().is_some_and(|start| newest != Some(start.number))
+}
+
 /// Wall time of all starts until each rollout, seconds. Where a line says none, its rollout's own time is added.
 pub fn elapsed_s(history: &History) -> impl Iterator<Item = f64> {
     let (mut start, mut before_s, mut now_s) = (0, 0.0, 0.0_f64);
@@ -99,6 +105,7 @@ mod tests {
     use super::*;
     use crate::run::identity::tests::ended;
     use proto::run_state::Ending;
+    use proto::trained::Trained;
 
     /// Starts at 1000, 2000 and 3000 s by the clock of the day: stopped after 100 s, killed, and the last.
     fn identity() -> Identity {
@@ -119,6 +126,16 @@ mod tests {
     fn wall(identity: &Identity, seen: &BTreeMap<u32, Sign>) -> [f64; 2] {
         let Wall { all_starts_s, last_start_s } = Wall::of(identity, seen, false);
         [all_starts_s, last_start_s]
+    }
+
+    #[test]
+    fn a_start_is_idle_until_it_has_trained() {
+        let mut history = History::default();
+        assert!(is_idle(&identity(), &history) && !is_idle(&Identity::new().unwrap(), &history));
+        for (rollout, incarnation) in [(0, 2), (1, 3)] {
+            history.insert(Trained { rollout, incarnation, ..Trained::default() });
+            assert_eq!(is_idle(&identity(), &history), incarnation == 2);
+        }
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::training::metrics::{Figures, left_out};
 use crate::training::next_steps;
 use crate::training::scores::{Score, Scores, read_result, result_folder};
 use crate::training::summary::Summary;
-use crate::training::wall::{Wall, elapsed_s, signs_of_life};
+use crate::training::wall::{Wall, elapsed_s, is_idle, signs_of_life};
 use anyhow::{Context, Result};
 use proto::bounded::{FIGURES_BYTES_MOST, TABLE_BYTES_MOST};
 use proto::config::Config;
@@ -134,7 +134,8 @@ impl Watched {
                 ..card
             });
         }
-        let recent = recent(&config.stages, &self.history, *held == LockState::Free);
+        let idle = *held == LockState::Free || is_idle(identity, &self.history);
+        let recent = recent(&config.stages, &self.history, idle);
         let complete = Summary::read(&self.folder)?.is_some();
         Ok(Card {
             state: state_of(identity, held, complete).to_string(),
@@ -162,7 +163,7 @@ impl Watched {
         self.read_metrics(LOOK, at_rest);
         let config = Config::of_run(&self.folder)?;
         self.episode_index.advance(if at_rest { LOOK } else { GLANCE });
-        let recent = recent(&config.stages, &self.history, at_rest);
+        let recent = recent(&config.stages, &self.history, at_rest || is_idle(&identity, &self.history));
         let here = match &held {
             LockState::By(holder) if holder.is_here() => Some(holder.pid),
             LockState::By(_) | LockState::Free | LockState::Unsigned => None,

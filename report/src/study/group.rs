@@ -6,7 +6,8 @@ use toml::Table;
 #[derive(Debug, Clone)]
 pub struct Group<'a> {
     /// Its name in tables and figures: its runs' folders', where they have one; else the preset's, with a star where it
-    /// has other settings than the preset. Where that does not distinguish groups, a letter follows.
+    /// has other settings than the preset. Where that does not distinguish groups, the folder that their runs are in comes
+    /// before it, that of a suite; else a letter follows.
     pub label: String,
     pub preset: String,
     pub differences: Vec<String>,
@@ -23,6 +24,11 @@ pub enum StudyError {
          nothing about other seeds. Name only one of them"
     )]
     SameSeed { first: String, second: String, seed: u64, preset: String },
+}
+
+/// What two runs have in common that are the same experiment with the same seed.
+pub fn experiment(run: &Run) -> impl PartialEq + use<> {
+    (settings_of(&run.config), run.origin.trained(), run.config.seed)
 }
 
 pub fn groups(runs: &[Run]) -> Result<Vec<Group<'_>>, StudyError> {
@@ -106,15 +112,31 @@ impl Group<'_> {
         let first = names.next()??;
         names.all(|name| name == Some(first)).then(|| first.to_owned())
     }
+
+    /// The name behind that of the folder that all its runs are in; `SUITE/runs` is called `SUITE`.
+    fn named_within(&self, name: &str) -> Option<String> {
+        let mut places = self.runs.iter().map(|run| {
+            let Origin::Run(_) = run.origin else { return None };
+            let place = Path::new(&run.name).parent()?;
+            let suite = place.parent().filter(|_| place.ends_with("runs")).and_then(Path::file_name);
+            suite.or(place.file_name())?.to_str()
+        });
+        let first = places.next()??;
+        places.all(|place| place == Some(first)).then(|| format!("{first}/{name}"))
+    }
 }
 
 fn label(groups: &mut [Group<'_>]) {
     let names: Vec<String> = groups.iter().map(Group::named).collect();
+    let within: Vec<_> = groups.iter().zip(&names).map(|(group, name)| group.named_within(name)).collect();
+    let is_one = |place: &&String| within.iter().flatten().filter(|other| other == place).count() == 1;
     for (index, group) in groups.iter_mut().enumerate() {
         let name = &names[index];
         let before = names[..index].iter().filter(|other| *other == name).count();
-        group.label = match names.iter().filter(|other| *other == name).count() {
-            1 => name.clone(),
+        group.label = match (names.iter().filter(|other| *other == name).count(), within[index].as_ref().filter(is_one))
+        {
+            (1, _) => name.clone(),
+            (_, Some(place)) => place.clone(),
             _ if before < 26 => format!("{name} ({})", char::from(b'a' + before as u8)),
             _ => format!("{name} ({})", before + 1),
         };
@@ -182,6 +204,11 @@ pub(crate) mod tests {
         assert_eq!(labels(&suite), ["wide", "narrow-1"]);
         let differ = [with("s/wide-1", 1, 0.3), with("s/broad-2", 2, 0.3), with("s/narrow-1", 1, 0.05)];
         assert_eq!(labels(&differ), ["demo*", "narrow-1"]);
+        // Two suites with the same names, and a run beside them.
+        let suites = [with("tiny/runs/demo-1", 1, 0.3), with("two/runs/demo-1", 1, 0.2), with("demo-1", 1, 0.1)];
+        assert_eq!(labels(&suites), ["tiny/demo-1", "two/demo-1", "demo-1 (c)"]);
+        let both = [with("tiny/runs/demo-1", 1, 0.3), with("tiny/runs/demo-2", 2, 0.3), with("two/demo", 1, 0.2)];
+        assert_eq!(labels(&both), ["tiny/demo", "two/demo"]);
     }
 
     #[test]

@@ -5,7 +5,7 @@ mod run;
 mod settings;
 
 pub use field::{Field, Source};
-pub use group::{Group, StudyError, groups};
+pub use group::{Group, StudyError, experiment, groups};
 pub use pair::{EvaluatedPair, pair_of};
 pub use run::{Evaluated, Origin, Rollout, Run, Validated};
 pub use settings::differences_between;

@@ -229,6 +229,17 @@ fn what_a_newcomer_types() {
         let expected = if ["eval bare", "up --env-command true"].contains(&&*typed.join(" ")) { 1 } else { 2 };
         assert_eq!(printed.status, Some(expected), "{typed:?}");
     }
+    // The newest run, which has trained nothing, has nothing to evaluate.
+    std::fs::create_dir(workshop.path("runs/fresh")).unwrap();
+    std::fs::copy(run.config(), workshop.path("runs/fresh/config.toml")).unwrap();
+    let identity = std::fs::read_to_string(run.identity()).unwrap();
+    let later = identity.replace("created_unix_s = 1", "created_unix_s = 2");
+    std::fs::write(workshop.path("runs/fresh/run.toml"), later).unwrap();
+    for (command, newest) in [("status", "fresh"), ("eval", "a"), ("report", "a")] {
+        workshop.call(&[command]).refused(&format!("the newest is `orchestrator {command} runs/{newest}`"));
+    }
+    let presets = workshop.call(&["presets"]).good().stdout;
+    assert!(presets.starts_with("To begin with, on a CPU\n  demo "), "{presets}");
     assert!(workshop.call(&["man", "up"]).success && !workshop.path("up").exists());
     assert!(workshop.call(&["man", "orchestrator-up"]).success);
     let mistyped = workshop.call(&["man", "ups"]);

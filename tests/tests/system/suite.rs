@@ -56,7 +56,7 @@ fn a_finished_suite_is_shown(workshop: &Workshop) {
         assert_eq!(printed.status, Some(2), "{command}");
     }
     // One of its runs would be shown.
-    workshop.call(&["top", "all"]).refused("top draws on a terminal, and standard output is none");
+    workshop.call(&["top", "all"]).refused("top needs a terminal");
 }
 
 #[test]
@@ -93,6 +93,9 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
     let standing = workshop.call(&["status", "all"]).good();
     assert!(standing.stdout.starts_with("suite all: 0 of 3 runs complete, 2 waiting, 1 cut off\n"), "{standing:#?}");
+    workshop
+        .call(&["resume", "all"])
+        .refused("all is the folder of a suite: `orchestrator suite all/suite.toml --out all`");
     first.assert_nothing_left();
     assert!(!first.folder.summary().exists(), "the run was killed in its middle");
 
@@ -213,4 +216,12 @@ fn a_report_of_two_seeds_has_numbers_and_says_what_is_missing() {
     // The same seed twice is no second seed.
     workshop.copy("seed-5", "copy");
     workshop.call(&["report", "seed-5", "copy", "--out", "twice"]).refused("same seed 5");
+    let below = workshop.call(&["report", ".", "--out", "below"]).good();
+    assert!(below.stderr.contains(" is the same experiment with the same seed 5. Of such runs"), "{below:#?}");
+    assert!(below.stdout.contains("2 runs in 1 group; groups evaluated: 1\n"), "{below:#?}");
+    workshop
+        .call(&["eval", "seed-5", "--out", "seed-6"])
+        .refused("--out seed-6 holds a run: give a new or empty folder");
+    let status = workshop.call(&["status", "seed-5", "--json"]).json();
+    assert_eq!((&status["folder"], &status["evaluations"]), (&"seed-5".into(), &serde_json::json!([])));
 }

@@ -65,7 +65,7 @@ fn a_run_is_watched_from_another_terminal_which_comes_back() {
 
     let refused = workshop.call(&["top", "run"]);
     assert!(!refused.success && refused.stdout.is_empty(), "{refused:#?}");
-    assert_eq!(refused.stderr.matches("standard output is none: `orchestrator status RUN`").count(), 1, "{refused:#?}");
+    assert_eq!(refused.stderr.matches("top needs a terminal: `orchestrator status RUN`").count(), 1, "{refused:#?}");
     workshop.call(&["top", "nothing"]).refused("nothing");
     // Whoever watched, the weights are the same.
     assert_eq!(complete(workshop.up("alone", 2, 2, 3000)).result().0, weights);
