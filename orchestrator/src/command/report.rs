@@ -164,7 +164,6 @@ mod tests {
         assert_eq!(default_folder(&["runs/a".into()]), Path::new("runs/a/report"));
     }
 
-    /// A group that nobody evaluated was not named, nor was there a word of evaluations that do not count.
     #[test]
     fn what_is_not_evaluated_is_named_and_what_is_not_printed_is_counted() {
         let run = |name: &str, clip, evaluations: &[bool]| {

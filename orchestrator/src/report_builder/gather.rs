@@ -258,7 +258,6 @@ mod tests {
         super::gather(paths, paths)
     }
 
-    /// A folder with a seed twice could not be reported on.
     #[test]
     fn a_seed_that_a_folder_has_twice_counts_once_unless_both_are_named() {
         let temporary = tempfile::tempdir().unwrap();

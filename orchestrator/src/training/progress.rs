@@ -290,7 +290,6 @@ mod tests {
         assert!(frames.contains("25.0 frames/s, mean: simulate"), "{frames}");
     }
 
-    /// On a resume the rate of the start before was called "now", and said what was left.
     #[test]
     fn before_a_rollout_is_trained_no_rate_is_of_now_and_no_time_is_left() {
         let seconds = Duration::from_secs;
