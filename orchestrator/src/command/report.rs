@@ -76,7 +76,7 @@ pub fn run(args: &ReportArgs) -> Result<()> {
         terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
     } else {
         print(&report, 1);
-        standing(&report, runs).iter().for_each(|line| terminal::out_wrapped(line));
+        terminal::out_wrapped(&standing(&report, runs).join("\n"));
         terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
         terminal::out(&format!("page: {}", out.join(PAGE).display()));
     }

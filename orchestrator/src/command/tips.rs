@@ -485,7 +485,7 @@ mod tests {
             (&["suite", "a.toml", "--dry-run"], "tip: here it is `--check`"),
             (&["rm", "runs/a"], "tip: `orchestrator stop RUN` ends a run, then `rm -r RUN` does that"),
             (&["tensorboard"], "tip: `orchestrator view` or `tensorboard --logdir RUN/tensorboard` does that"),
-            (&["up", "--resume", "runs/a"], "tip: here it is `orchestrator resume RUN`"),
+            (&["up", "--resume", "runs/a"], "tip: here it is `orchestrator resume runs/a`"),
             (&["trian"], "tip: `orchestrator up` does that"),
             (&["presets", "--jsn"], "tip: a similar argument exists: '--json'"),
             (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),

@@ -225,8 +225,8 @@ mod tests {
         let all =
             "all                  1     1.0  100.0%    0.0%              0.0%     100.0%            0.000       0.00";
         assert_eq!(printed[printed.len() - 9], all);
-        let played = "1 of 6 target categories were played: `--episodes` in multiples of 6 plays all";
-        assert_eq!(printed[printed.len() - 8], played);
+        let few = "1 of 6 target categories were played: `--episodes` in multiples of 6 plays all";
+        assert_eq!(printed[printed.len() - 8], few);
         assert_eq!(printed[printed.len() - 7], "SR 100.0%, Wilson's 95% interval 20.7% to 100.0%");
         let figures = "disturbance per success 0.000 m  success but unsafe 0.0%  unsafe of the successes 0.0%  worst";
         assert!(printed[printed.len() - 3].starts_with(figures), "{printed:#?}");

@@ -280,8 +280,7 @@ mod tests {
         let identity = Identity::read(&folder).unwrap();
         Identity { created_unix_s: identity.created_unix_s + 9, ..identity }.write(&folder).unwrap();
         let mut runs = both.runs;
-        let mut counts =
-            |runs: &[Run]| Path::new(&one_of_a_seed(runs.to_vec(), &[], &mut vec![])[0].name).ends_with("b");
+        let counts = |runs: &[Run]| Path::new(&one_of_a_seed(runs.to_vec(), &[], &mut vec![])[0].name).ends_with("b");
         assert!(counts(&runs));
         runs[0].rollouts = vec![Rollout { frames: 9, ..Rollout::default() }];
         assert!(!counts(&runs));
