@@ -491,19 +491,6 @@ mod tests {
             (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),
             (&["scale", "runs/a", "40"], "tip: their number is given as `--actors 40`"),
             (&["up", "--lr", "3e-4"], "tip: here it is `--set ppo.learning_rate=3e-4`"),
-            (&["up", "--lr=3e-4"], "tip: here it is `--set ppo.learning_rate=3e-4`"),
-            (&["up", "--lr", "--seed", "1"], "tip: here it is `--set ppo.learning_rate=RATE`"),
-            (&["up", "--lr", "fast"], "tip: here it is `--set ppo.learning_rate=RATE`"),
-            (&["up", "--save-freq", "9"], "tip: here it is `--set checkpoint.interval_s=SECONDS`, in seconds"),
-            (&["up", "--clip-vloss", "false"], "tip: here it is `--set ppo.clip_value=false`"),
-            (&["up", "--run-name", "my run"], "tip: here it is `--run 'my run'`"),
-            (&["up", "--config-name", "demo"], "tip: here it is `--preset demo`"),
-            (&["up", "--multirun", "ppo.lr=1,2"], "tip: here `orchestrator suite FILE` trains a `grid` of"),
-            (&["up", "-m"], "tip: here `orchestrator suite FILE` trains a `grid` of"),
-            (&["eval", "a", "--greedy"], "tip: here it is `--deterministic`"),
-            (&["eval", "a", "--split", "unseen"], "tip: unseen kitchens are those of `test`"),
-            (&["status", "a", "--watch"], "tip: here `orchestrator top RUN` follows a run"),
-            (&["compare", "a", "b", "--csv"], "tip: here it is `--json`"),
             (&["up", "--num-steps", "128"], "tip: here it is `--set ppo.rollout_steps=128`"),
             (&["up", "--set", "num_envs=8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
             (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=128`"),
@@ -535,6 +522,28 @@ mod tests {
             (&["up", "--capture-video"], "tip: here steps are recorded, and `orchestrator replay RUN` makes films"),
             (&["up", "--task", "Isaac-Lift"], "tip: here it is `--preset NAME`, or `--env gymnasium:ID`"),
             (&["up", "--envs_per_actor", "3"], "tip: a similar argument exists: '--envs-per-actor'"),
+        ] {
+            let error = answer(words);
+            assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_value_that_was_typed_stands_in_the_tip_where_it_fits() {
+        for (words, tip) in [
+            (&["up", "--lr=3e-4"][..], "tip: here it is `--set ppo.learning_rate=3e-4`"),
+            (&["up", "--lr", "--seed", "1"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--lr", "fast"], "tip: here it is `--set ppo.learning_rate=RATE`"),
+            (&["up", "--save-freq", "9"], "tip: here it is `--set checkpoint.interval_s=SECONDS`, in seconds"),
+            (&["up", "--clip-vloss", "false"], "tip: here it is `--set ppo.clip_value=false`"),
+            (&["up", "--run-name", "my run"], "tip: here it is `--run 'my run'`"),
+            (&["up", "--config-name", "demo"], "tip: here it is `--preset demo`"),
+            (&["up", "--multirun", "ppo.lr=1,2"], "tip: here `orchestrator suite FILE` trains a `grid` of"),
+            (&["up", "-m"], "tip: here `orchestrator suite FILE` trains a `grid` of"),
+            (&["eval", "a", "--greedy"], "tip: here it is `--deterministic`"),
+            (&["eval", "a", "--split", "unseen"], "tip: unseen kitchens are those of `test`"),
+            (&["status", "a", "--watch"], "tip: here `orchestrator top RUN` follows a run"),
+            (&["compare", "a", "b", "--csv"], "tip: here it is `--json`"),
         ] {
             let error = answer(words);
             assert!(error.contains(tip) && error.matches("tip:").count() == 1, "{words:?}: {error}");
