@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "snake_case")]
 pub enum SplitChoice {
     Train,
-    #[value(alias = "val")]
+    #[value(aliases = ["val", "valid"])]
     Validation,
     Test,
 }
