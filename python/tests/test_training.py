@@ -85,7 +85,7 @@ def test_what_is_wrong_is_one_sentence(tmp_path, monkeypatch):
         start(tmp_path, "gymnasium:NoSuchThing-v0")
     with pytest.raises(stillroom.RunError, match=r"no\.such\.setting|no such"):
         start(tmp_path, settings={"no.such.setting": 1})
-    with pytest.raises(stillroom.RunError, match=r"tip: here it is `--set ppo.learning_rate=RATE`"):
+    with pytest.raises(stillroom.RunError, match=r"tip: here it is `--set ppo.learning_rate=1`"):
         start(tmp_path, settings={"lr": 1})
     with pytest.raises(stillroom.RunError, match="there is no program"):
         stillroom.train(make_cart_pole, frames=1, orchestrator="no-such-program")
