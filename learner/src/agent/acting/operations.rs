@@ -141,6 +141,9 @@ mod tests {
     use proto::task::Spec;
     use tch::Device;
 
+    /// Its images are whole numbers alone.
+    const IN_PLACE: &str = "in_place";
+
     /// Images and numbers, with each memory and each kind of action, and frames with an encoder that has no kernels.
     fn configs() -> Vec<(&'static str, Config)> {
         let images = include_str!("../../../tests/support/images.toml");
@@ -148,7 +151,10 @@ mod tests {
         let masked = "kind = \"multi_discrete\"\ncounts = [2, 3]\n\n[[channels]]\nname = \"action_mask\"\n\
             role = \"mask\"\ndtype = \"u8\"\nshape = [5]\ndoc = \"\"";
         let numbers = "kind = \"box\"\nbounds = [[-1, 1], [0, 2]]";
+        let (checked, sound) =
+            ("dtype = \"f32\"\nshape = [2, 45, 36]\nrange = [-1, 1]", "dtype = \"u8\"\nshape = [2, 45, 36]");
         let of = |name: &'static str, actions: &str, settings: &str| {
+            let images = if name == IN_PLACE { images.replacen(checked, sound, 1) } else { images.to_owned() };
             let named = images.replacen("\"images\"", &format!("\"acting_{name}\""), 1);
             Spec::declare(&named.replacen(discrete, actions, 1)).unwrap();
             let settings = format!("task = \"acting_{name}\"\n{settings}");
@@ -158,6 +164,7 @@ mod tests {
         frames.network.encoder = Encoder::Cnn;
         vec![
             of("plain", discrete, "network.memory = \"none\""),
+            of(IN_PLACE, discrete, "network.memory = \"none\""),
             of("bfloat16", discrete, "network.memory = \"none\"\nlearner.encoder_precision = \"bfloat16\""),
             of("gru", masked, "network.memory = \"gru\""),
             of("lstm", numbers, "network.memory = \"lstm\"\nnormalize.observations = true"),
@@ -196,6 +203,13 @@ mod tests {
             let recorded = agents.each_mut().map(|agent| agent.acting.as_mut().is_some_and(Acting::is_recorded));
             assert_eq!(recorded, [true, false, false], "{name}");
             let [graph, refused, plain] = &agents;
+            // What the first has registered with the driver the second cannot, and copies.
+            let expected = if name == IN_PLACE { [Some(false), Some(true)] } else { [None; 2] };
+            let missed = |agent: &Agent| match &agent.acting {
+                Some(Acting::Operations(operations)) => operations.reach.as_ref().map(|reach| reach.missed),
+                _ => None,
+            };
+            assert_eq!([graph, refused].map(missed), expected, "{name}");
             for agent in [graph, refused] {
                 assert!(agent.beliefs.equal(&plain.beliefs), "{name}: beliefs");
                 for (part, expected) in agent.rollout_tensors() {
