@@ -197,8 +197,8 @@ pub struct PpoConfig {
 pub enum Shuffle {
     /// Whole environments, anew for each rollout.
     Environments,
-    /// Single frames, anew for each epoch; whole environments where memory or an auxiliary task needs what follows on
-    /// one another.
+    /// Single frames, anew for each epoch; whole environments with one minibatch, and where memory or an auxiliary task
+    /// needs what follows on one another.
     Rows,
 }
 
@@ -546,7 +546,8 @@ impl Config {
     /// What is dealt out among minibatches in a run of this network.
     pub fn shuffle(&self) -> Shuffle {
         let alone = self.network.memory == Memory::None && self.auxiliary.task == AuxiliaryTask::None;
-        if alone { self.ppo.shuffle } else { Shuffle::Environments }
+        // All that is there is in the only minibatch, whatever is dealt.
+        if alone && self.ppo.minibatches > 1 { self.ppo.shuffle } else { Shuffle::Environments }
     }
 
     /// The actors, divided among the learners. Panics if the configuration was not validated.

@@ -194,11 +194,12 @@ mod tests {
         };
         assert_eq!(problem(""), Ok(()));
         assert_eq!(problem("network.memory = \"gru\"\nepisode.max_steps = 100000"), Ok(()));
-        let shuffle = |memory: &str| {
-            let text = format!("task = \"without_a_frame\"\nnetwork.memory = \"{memory}\"");
+        let shuffle = |setting: &str| {
+            let text = format!("task = \"without_a_frame\"\n{setting}");
             Config::resolve_with("gym", Some((&text, "mine.toml"))).unwrap().shuffle()
         };
-        assert_eq!(["none", "gru"].map(shuffle), [Shuffle::Rows, Shuffle::Environments]);
+        let of = ["network.memory = \"none\"", "network.memory = \"gru\"", "ppo.minibatches = 1"].map(shuffle);
+        assert_eq!(of, [Shuffle::Rows, Shuffle::Environments, Shuffle::Environments]);
         for (text, expected) in [
             ("network.goal = \"polar\"", "network.goal = \"polar\": must be \"plain\" in this task"),
             ("auxiliary.task = \"disturb\"", "auxiliary.task = \"disturb\": must be \"none\""),
