@@ -19,6 +19,7 @@ pub fn load_cuda() {
 pub(crate) fn cuda_alone() -> std::sync::MutexGuard<'static, ()> {
     static DEVICE: std::sync::Mutex<()> = std::sync::Mutex::new(());
     load_cuda();
+    determinism::use_deterministic();
     // Nothing lies behind the lock that a test which failed could leave half done.
     DEVICE.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
