@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stranger_who_answers_without_the_token_is_refused() {
+    fn who_has_not_the_token_is_refused_by_either_side() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let mut stranger = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let mut door = listener.accept().unwrap().0;
@@ -91,6 +91,14 @@ mod tests {
         send(&mut stranger, &Answer { proof: "00".repeat(32) }).unwrap();
         let deadline = Instant::now() + Duration::from_secs(20);
         let refused = admit(&mut door, &token("the token of a run"), deadline);
+        assert!(matches!(refused, Err(HandshakeError::Stranger)), "{refused:?}");
+
+        // Host 0 proves itself first.
+        let address = listener.local_addr().unwrap();
+        let other = token("the token of another");
+        let guest = std::thread::spawn(move || ask(&mut TcpStream::connect(address).unwrap(), &other, 3, deadline));
+        admit(&mut listener.accept().unwrap().0, &token("the token of a run"), deadline).unwrap_err();
+        let refused = guest.join().unwrap();
         assert!(matches!(refused, Err(HandshakeError::Stranger)), "{refused:?}");
 
         // One that is no orchestrator at all.
