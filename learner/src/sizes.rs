@@ -100,19 +100,15 @@ mod tests {
         }
     }
 
-    /// As `Update::run` does where a gradient was not finite.
+    /// As `Update::run` makes one again where a gradient was not finite; numbers that go back are of other updates.
     #[test]
     fn an_update_that_is_made_again_is_one() {
-        let mut sizes = Sizes::default();
-        assert_eq!((update(&mut sizes, 0, &[38]), update(&mut sizes, 0, &[38])), (vec![], vec![]));
-        assert_eq!(update(&mut sizes, 1, &[38]), [(38, None)]);
-    }
-
-    #[test]
-    fn numbers_that_go_back_are_of_other_updates() {
-        let mut sizes = Sizes::default();
-        assert_eq!((update(&mut sizes, 9, &[38]), update(&mut sizes, 3, &[38])), (vec![], vec![(38, None)]));
-        assert_eq!(update(&mut sizes, 4, &[38]), []);
+        for (numbers, expected) in
+            [([0, 0, 1], [vec![], vec![], vec![(38, None)]]), ([9, 3, 4], [vec![], vec![(38, None)], vec![]])]
+        {
+            let mut sizes = Sizes::default();
+            assert_eq!(numbers.map(|number| update(&mut sizes, number, &[38])), expected, "{numbers:?}");
+        }
     }
 
     #[test]

@@ -21,18 +21,20 @@ use wire::WireAddress;
 /// Weights of the run that nothing happened to.
 fn undisturbed() -> &'static str {
     static WEIGHTS: OnceLock<String> = OnceLock::new();
-    WEIGHTS.get_or_init(|| {
-        let mut rig = Rig::new("plain", tiny());
-        let ended = rig.learner(&Plan::Undisturbed);
-        assert!(ended.status.success(), "{ended:?}");
-        complete(&rig, &ended)
-    })
+    WEIGHTS.get_or_init(|| to_its_end(&mut Rig::new("plain", tiny())))
 }
 
 fn complete(rig: &Rig, ended: &Ended) -> String {
     let (frames, weights, complete) = ended.finished();
     assert!(complete && frames == rig.budget(), "{ended:?}");
     weights
+}
+
+/// Weights of a learner to which nothing happens any more.
+fn to_its_end(rig: &mut Rig) -> String {
+    let ended = rig.learner(&Plan::Undisturbed);
+    assert!(ended.status.success(), "{ended:?}");
+    complete(rig, &ended)
 }
 
 fn trained(ended: &Ended) -> Vec<(u64, u64, u32)> {
@@ -79,8 +81,7 @@ fn a_rollout_whose_recording_is_not_written_is_given_up() {
         assert_eq!((frames, whole), (48, false));
         assert!(rig.run_folder().checkpoint_manifest(2).exists() && !rig.run_folder().checkpoint_manifest(3).exists());
         rig.next_incarnation(incarnation);
-        let again = rig.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&rig, &again), undisturbed(), "{}", again.stderr);
+        assert_eq!(to_its_end(&mut rig), undisturbed());
     }
 }
 
@@ -118,8 +119,7 @@ fn a_checkpoint_that_cannot_be_written_costs_nothing_but_at_the_end() {
         let ended = rig.learner(&Plan::Undisturbed);
         assert_eq!(ended.status.code(), Some(EXIT_UNSAVED), "{ended:?}");
         std::fs::remove_dir(&there).unwrap();
-        let again = rig.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&rig, &again), undisturbed());
+        assert_eq!(to_its_end(&mut rig), undisturbed());
     }
 }
 
@@ -133,9 +133,7 @@ fn the_multiplier_of_a_constrained_run_moves_and_reaches_the_policy() {
     let [moving, fixed] = [3e3, 0.0].map(|learning_rate| {
         // Stand-ins disturb by millimetres: a rate that makes their multiplier felt.
         config.reward.lagrangian = LagrangianConfig { initial: 1.0, learning_rate };
-        let mut rig = Rig::new(&format!("bound{}", u8::from(learning_rate > 0.0)), config.clone());
-        let ended = rig.learner(&Plan::Undisturbed);
-        complete(&rig, &ended)
+        to_its_end(&mut Rig::new(&format!("bound{}", u8::from(learning_rate > 0.0)), config.clone()))
     });
     assert_ne!(moving, fixed);
 }
@@ -154,8 +152,7 @@ fn import(rig: &Rig, from: &Path) -> (bool, String, String) {
 #[test]
 fn a_run_goes_on_from_the_weights_it_was_given() {
     let mut donor = Rig::new("donor", tiny());
-    let ended = donor.learner(&Plan::Undisturbed);
-    let weights = complete(&donor, &ended);
+    let weights = to_its_end(&mut donor);
     let from = donor.run_folder().checkpoint_tensors(5);
     let mut rig = Rig::new("given", tiny());
     let (good, said, complaint) = import(&rig, &from);
@@ -214,17 +211,14 @@ fn a_run_without_frames_ends_in_the_same_bits_whatever_happens_on_the_way() {
         config.ppo.overlap = overlap;
         let name = |what: &str| format!("{}{}{what}", memory.states(), u8::from(overlap));
         let mut rig = Rig::new(&name("nu"), config.clone());
-        let straight = rig.learner(&Plan::Undisturbed);
-        assert!(straight.status.success(), "{straight:?}");
-        let weights = complete(&rig, &straight);
+        let weights = to_its_end(&mut rig);
 
         let mut rig = Rig::new(&name("nk"), config.clone());
         for point in ["learner.mid_rollout:9", "learner.after_update:2", "learner.after_manifest:2"] {
             let killed = rig.learner(&Plan::Fault(point));
             assert!(!killed.status.success(), "{point} was not reached: {killed:?}");
         }
-        let ended = rig.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+        assert_eq!(to_its_end(&mut rig), weights, "{memory:?}, {overlap}");
 
         let mut rig = Rig::new(&name("na"), config.clone());
         let ended = rig.learner(&Plan::CrashActorAfter(1, 1));
@@ -234,8 +228,7 @@ fn a_run_without_frames_ends_in_the_same_bits_whatever_happens_on_the_way() {
         let stopped = rig.learner(&Plan::StopAfter(1));
         assert!(stopped.status.success(), "{stopped:?}");
         rig.next_incarnation(2);
-        let ended = rig.learner(&Plan::Undisturbed);
-        assert_eq!(complete(&rig, &ended), weights, "{memory:?}, {overlap}: {}", ended.stderr);
+        assert_eq!(to_its_end(&mut rig), weights, "{memory:?}, {overlap}");
     }
 }
 
@@ -244,8 +237,7 @@ fn a_run_without_frames_ends_in_the_same_bits_whatever_happens_on_the_way() {
 fn a_run_without_frames_goes_on_from_the_weights_it_was_given() {
     let config = tiny_numbers(Memory::None);
     let mut donor = Rig::new("numdonor", config.clone());
-    let ended = donor.learner(&Plan::Undisturbed);
-    let weights = complete(&donor, &ended);
+    let weights = to_its_end(&mut donor);
     let rig = Rig::new("numgiven", config.clone());
     let (good, said, complaint) = import(&rig, &donor.run_folder().checkpoint_tensors(5));
     assert!(good && said.ends_with(&format!("weights: {weights}\n")), "{said}{complaint}");
@@ -283,8 +275,7 @@ fn a_run_goes_on_with_the_sign_it_was_trained_with() {
     assert_eq!(older.len() + 1, whole.lines().count());
     std::fs::write(&file, older.join("\n")).expect("it is written");
     rig.next_incarnation(2);
-    let ended = rig.learner(&Plan::Undisturbed);
-    assert_eq!(complete(&rig, &ended), undisturbed());
+    assert_eq!(to_its_end(&mut rig), undisturbed());
 }
 
 #[test]

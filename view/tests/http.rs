@@ -143,6 +143,15 @@ impl Server {
         stream
     }
 
+    /// So many clients that have sent this.
+    fn clients(&self, count: usize, request: &str) -> Vec<TcpStream> {
+        let mut streams: Vec<_> = (0..count).map(|_| self.connect()).collect();
+        for stream in &mut streams {
+            stream.write_all(request.as_bytes()).expect("the server listens");
+        }
+        streams
+    }
+
     /// Sends these bytes; everything that comes back until the server hangs up.
     fn send(&self, bytes: &[u8]) -> Vec<u8> {
         let mut stream = self.connect();
@@ -363,13 +372,7 @@ fn the_token_is_shown_by_a_header_or_by_what_can_set_none_in_the_query() {
 fn slow_clients_cost_others_nothing_and_are_hung_up_on() {
     let server = Server::start();
     let begun = Instant::now();
-    let mut slow: Vec<TcpStream> = (0..60)
-        .map(|_| {
-            let mut stream = server.connect();
-            stream.write_all(b"GET /api/runs HT").unwrap();
-            stream
-        })
-        .collect();
+    let mut slow = server.clients(60, "GET /api/runs HT");
     let mut silent = slow.pop().expect("sixty");
     let silent = std::thread::spawn(move || {
         let _ = silent.read_to_end(&mut Vec::new());
@@ -394,13 +397,7 @@ fn who_does_not_read_costs_others_nothing_and_is_hung_up_on() {
     let server = Server::start();
     let request = format!("GET /api/runs/a/curves?edition={LARGE} HTTP/1.1\r\n{TOKEN}\r\n");
     let begun = Instant::now();
-    let mut deaf: Vec<TcpStream> = (0..40)
-        .map(|_| {
-            let mut stream = server.connect();
-            stream.write_all(request.as_bytes()).unwrap();
-            stream
-        })
-        .collect();
+    let mut deaf = server.clients(40, &request);
     assert_eq!(server.get("/api/runs").status, 200);
     assert!(begun.elapsed() < Duration::from_secs(10), "it took {:?}", begun.elapsed());
     std::thread::sleep(Duration::from_secs(20));
@@ -463,13 +460,7 @@ fn what_is_no_request_for_a_page_is_no_request() {
 fn a_hundred_who_watch_cost_one_reader() {
     let server = Server::start();
     let request = format!("GET /api/runs/a/live HTTP/1.1\r\n{TOKEN}\r\n");
-    let mut watching: Vec<TcpStream> = (0..100)
-        .map(|_| {
-            let mut stream = server.connect();
-            stream.write_all(request.as_bytes()).unwrap();
-            stream
-        })
-        .collect();
+    let mut watching = server.clients(100, &request);
     for stream in &mut watching {
         let (mut text, mut block) = (String::new(), [0; 4096]);
         while !text.contains("\"rollouts\":7") {

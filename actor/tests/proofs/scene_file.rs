@@ -5,6 +5,7 @@ use proto::config::Config;
 use proto::episode::EnvironmentId;
 use proto::kitchen::KitchenId;
 use rapier3d::geometry::Aabb;
+use serde_json::{Value, json};
 use simulator::kitchen::{BodyRole, Kitchen};
 use simulator::physics::geometry::Solid;
 use simulator::robot::action::Action;
@@ -239,54 +240,60 @@ fn a_scene_in_other_units_is_one_problem() {
     let kitchen = kitchen(3);
     let path = export(&kitchen, folder.path(), |_| {});
     let bytes = std::fs::read(folder.path().join("kitchen.glb")).unwrap();
-    let glb = gltf::binary::Glb::from_slice(&bytes).unwrap();
-    let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
-    let nodes = root["nodes"].as_array().unwrap().len();
-    let roots = root["scenes"][0]["nodes"].clone();
-    for (world, size) in [
-        (serde_json::json!({ "children": roots, "scale": [100, 100, 100] }), "which no kitchen has"),
-        (serde_json::json!({ "children": roots, "scale": [0.01, 0.01, 0.01] }), "glTF counts in metres"),
-        (serde_json::json!({ "children": roots, "rotation": [0.70710677, 0, 0, 0.70710677] }), "y axis points up"),
+    for (mut world, size) in [
+        (json!({ "scale": [100, 100, 100] }), "which no kitchen has"),
+        (json!({ "scale": [0.01, 0.01, 0.01] }), "glTF counts in metres"),
+        (json!({ "rotation": [0.70710677, 0, 0, 0.70710677] }), "y axis points up"),
     ] {
-        root["nodes"].as_array_mut().unwrap().truncate(nodes);
-        root["nodes"].as_array_mut().unwrap().push(world);
-        root["scenes"][0]["nodes"] = serde_json::json!([nodes]);
-        let json = serde_json::to_vec(&root).unwrap().into();
-        let changed = gltf::binary::Glb { header: glb.header, json, bin: glb.bin.clone() };
-        std::fs::write(folder.path().join("kitchen.glb"), changed.to_vec().unwrap()).unwrap();
+        let changed = changed(&bytes, |root, _| {
+            world["children"] = root["scenes"][0]["nodes"].clone();
+            let nodes = root["nodes"].as_array_mut().unwrap();
+            nodes.push(world);
+            root["scenes"][0]["nodes"] = json!([nodes.len() - 1]);
+        });
+        std::fs::write(folder.path().join("kitchen.glb"), changed).unwrap();
         let message = load(&path).unwrap_err();
         assert!(message.contains("node Floor: is a floor of") && message.contains(size), "{message}");
         assert_eq!(message.lines().count(), 1, "{message}");
     }
 }
 
-/// Adds a node `Crate` with a mesh of these triangles to a binary glTF file, and moves another node.
-fn with_crate(glb: &[u8], triangles: &[[[f32; 3]; 3]], moved: &str, to: [f32; 3]) -> Vec<u8> {
+/// A binary glTF file of which this changes the JSON and the binary chunk.
+fn changed(glb: &[u8], change: impl FnOnce(&mut Value, &mut Vec<u8>)) -> Vec<u8> {
     let glb = gltf::binary::Glb::from_slice(glb).unwrap();
-    let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
+    let mut root: Value = serde_json::from_slice(&glb.json).unwrap();
     let mut bin = glb.bin.unwrap().into_owned();
+    change(&mut root, &mut bin);
+    let json = serde_json::to_vec(&root).unwrap().into();
+    gltf::binary::Glb { header: glb.header, json, bin: Some(bin.into()) }.to_vec().unwrap()
+}
+
+/// Moves the studio's apple.
+fn move_apple(root: &mut Value, to: [f32; 3]) {
+    let nodes = root["nodes"].as_array_mut().unwrap();
+    nodes.iter_mut().find(|node| node["name"] == "Apple").unwrap()["translation"] = json!(to);
+}
+
+/// Adds a node `Crate` with a mesh of these triangles.
+fn add_crate(root: &mut Value, bin: &mut Vec<u8>, triangles: &[[[f32; 3]; 3]]) {
     let first = bin.len();
     bin.extend(triangles.as_flattened().as_flattened().iter().flat_map(|number| number.to_le_bytes()));
     root["buffers"][0]["byteLength"] = bin.len().into();
-    let mut push = |list: &str, value: serde_json::Value| {
+    let mut push = |list: &str, value: Value| {
         let list = root[list].as_array_mut().unwrap();
         list.push(value);
         list.len() - 1
     };
     let length = bin.len() - first;
-    let view = push("bufferViews", serde_json::json!({ "buffer": 0, "byteOffset": first, "byteLength": length }));
-    let positions = serde_json::json!({
+    let view = push("bufferViews", json!({ "buffer": 0, "byteOffset": first, "byteLength": length }));
+    let positions = json!({
         "bufferView": view, "componentType": 5126, "count": 3 * triangles.len(), "type": "VEC3",
         "min": [-1, -1, -1], "max": [1, 1, 1]
     });
     let accessor = push("accessors", positions);
-    let mesh = push("meshes", serde_json::json!({ "primitives": [{ "attributes": { "POSITION": accessor } }] }));
-    let node = push("nodes", serde_json::json!({ "name": "Crate", "mesh": mesh }));
+    let mesh = push("meshes", json!({ "primitives": [{ "attributes": { "POSITION": accessor } }] }));
+    let node = push("nodes", json!({ "name": "Crate", "mesh": mesh }));
     root["scenes"][0]["nodes"].as_array_mut().unwrap().push(node.into());
-    let nodes = root["nodes"].as_array_mut().unwrap();
-    nodes.iter_mut().find(|node| node["name"] == moved).unwrap()["translation"] = serde_json::json!(to);
-    let json = serde_json::to_vec(&root).unwrap().into();
-    gltf::binary::Glb { header: glb.header, json, bin: Some(bin.into()) }.to_vec().unwrap()
 }
 
 #[test]
@@ -306,7 +313,10 @@ fn an_apple_lies_in_a_decomposed_crate_and_not_in_its_hull() {
     let folder = tempfile::tempdir().unwrap();
     let studio = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio");
     let glb = std::fs::read(studio.join("studio.glb")).unwrap();
-    let glb = with_crate(&glb, &triangles, "Apple", [0.0, 0.0505, 0.0]);
+    let glb = changed(&glb, |root, bin| {
+        add_crate(root, bin, &triangles);
+        move_apple(root, [0.0, 0.0505, 0.0]);
+    });
     std::fs::write(folder.path().join("studio.glb"), glb).unwrap();
     let text = std::fs::read_to_string(studio.join("scene.toml")).unwrap();
     let path = folder.path().join("scene.toml");
@@ -363,13 +373,8 @@ fn a_thing_outside_of_the_room_is_named_with_the_rooms_bounds() {
     let studio = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio");
     std::fs::copy(studio.join("scene.toml"), folder.path().join("scene.toml")).unwrap();
     let bytes = std::fs::read(studio.join("studio.glb")).unwrap();
-    let glb = gltf::binary::Glb::from_slice(&bytes).unwrap();
-    let mut root: serde_json::Value = serde_json::from_slice(&glb.json).unwrap();
-    let nodes = root["nodes"].as_array_mut().unwrap();
-    let apple = nodes.iter_mut().find(|node| node["name"] == "Apple").unwrap();
-    apple["translation"] = serde_json::json!([9.0, 0.05, 0.0]);
-    let changed = gltf::binary::Glb { json: serde_json::to_vec(&root).unwrap().into(), ..glb };
-    std::fs::write(folder.path().join("studio.glb"), changed.to_vec().unwrap()).unwrap();
+    let changed = changed(&bytes, |root, _| move_apple(root, [9.0, 0.05, 0.0]));
+    std::fs::write(folder.path().join("studio.glb"), changed).unwrap();
     let message = load(&folder.path().join("scene.toml")).unwrap_err();
     let expected = "node Apple: its middle is at x 9.00 m, z 0.00 m, outside of the room: its floor reaches from x -";
     assert!(message.contains(expected) && message.contains("scene.toml: "), "{message}");

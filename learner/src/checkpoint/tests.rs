@@ -23,9 +23,12 @@ fn machine() -> Machine {
     Machine { torch, device, threads: 2, arithmetic, learners: 1, shards: 0 }
 }
 
-fn store(folder: &tempfile::TempDir, keep: u32) -> Store {
-    name(folder, RUN);
-    store_of(folder, RUN, keep)
+/// A run folder, and its store.
+fn fresh(keep: u32) -> (tempfile::TempDir, Store) {
+    let folder = tempfile::tempdir().unwrap();
+    name(&folder, RUN);
+    let store = store_of(&folder, RUN, keep);
+    (folder, store)
 }
 
 fn store_of(folder: &tempfile::TempDir, id: &str, keep: u32) -> Store {
@@ -120,8 +123,7 @@ fn names(folder: &tempfile::TempDir) -> Vec<String> {
 
 #[test]
 fn a_state_comes_back_bit_for_bit() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 2);
+    let (_folder, store) = fresh(2);
     assert!(store.load().unwrap().is_none(), "a fresh run has none");
     let saved = snapshot(3);
     assert_eq!(store.save(&saved, &figures(saved.rollout), false).unwrap(), "checkpoints/rollout-00000003.json");
@@ -140,8 +142,7 @@ fn a_state_comes_back_bit_for_bit() {
 
 #[test]
 fn figures_of_no_rollout_and_of_many_come_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 2);
+    let (_folder, store) = fresh(2);
     for (rollout, count) in [(1, 0), (2, 1_000)] {
         let many = figures(count);
         assert_eq!(many.pieces().count() > 1, count > 0);
@@ -152,8 +153,7 @@ fn figures_of_no_rollout_and_of_many_come_back() {
 
 #[test]
 fn the_newest_and_every_stages_end_are_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 2);
+    let (folder, store) = fresh(2);
     // 20 frames a rollout: stage I ends with rollout 5, stage II with rollout 10.
     for rollout in 0..=10 {
         save(&store, rollout).unwrap();
@@ -171,8 +171,7 @@ fn the_newest_and_every_stages_end_are_kept() {
 
 #[test]
 fn a_torn_one_does_not_push_a_good_one_out() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 2);
+    let (folder, store) = fresh(2);
     (1..=3).for_each(|rollout| drop(save(&store, rollout).unwrap()));
     std::fs::write(folder.path().join("checkpoints/rollout-00000003.safetensors"), "short").unwrap();
     let loaded = store.load().unwrap().unwrap();
@@ -186,8 +185,7 @@ fn a_torn_one_does_not_push_a_good_one_out() {
 
 #[test]
 fn a_checkpoint_that_cannot_be_written_is_named_and_harms_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 1);
+    let (folder, store) = fresh(1);
     save(&store, 1).unwrap();
     let checkpoints = folder.path().join("checkpoints");
     for name in ["safetensors", "jsonl", "json"].map(|kind| format!("rollout-00000002.{kind}.partial")) {
@@ -212,8 +210,7 @@ fn a_checkpoint_that_cannot_be_written_is_named_and_harms_nothing() {
 
 #[test]
 fn another_version_is_told_apart_from_a_broken_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 1);
+    let (folder, store) = fresh(1);
     save(&store, 1).unwrap();
     let path = folder.path().join("checkpoints/rollout-00000001.json");
     let text = std::fs::read_to_string(&path).unwrap();
@@ -235,8 +232,7 @@ fn numbers_that_no_run_reaches_are_refused() {
         (|saved| saved.boundary.exchange = u64::MAX, "counts to 18446744073709551615"),
     ];
     for (change, expected) in changes {
-        let folder = tempfile::tempdir().unwrap();
-        let store = store(&folder, 2);
+        let (_folder, store) = fresh(2);
         let mut saved = snapshot(1);
         change(&mut saved);
         store.save(&saved, &figures(saved.rollout), false).unwrap();
@@ -244,8 +240,8 @@ fn numbers_that_no_run_reaches_are_refused() {
         assert!(text.contains(expected), "{text}");
     }
     // A manifest that leads elsewhere, as a checkpoint that somebody gives away may have one.
-    let folder = tempfile::tempdir().unwrap();
-    save(&store(&folder, 2), 1).unwrap();
+    let (folder, store) = fresh(2);
+    save(&store, 1).unwrap();
     let path = folder.path().join("checkpoints/rollout-00000001.json");
     let manifest = Manifest::read(&path).unwrap();
     std::fs::write(&path, Manifest { tensors: "../elsewhere".into(), ..manifest }.seal()).unwrap();
@@ -302,8 +298,7 @@ fn episodes_of_any_length_come_back_and_those_of_older_versions_do() {
 /// The folder was removed while a learner worked, and made anew for another run.
 #[test]
 fn nothing_is_written_to_the_folder_of_another_run_and_its_checkpoints_are_passed_over() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 2);
+    let (folder, store) = fresh(2);
     save(&store, 1).unwrap();
     name(&folder, "another");
     let late = save(&store, 2).unwrap_err();
@@ -333,8 +328,7 @@ fn nothing_is_written_to_the_folder_of_another_run_and_its_checkpoints_are_passe
 
 #[test]
 fn damaged_figures_cost_no_weights() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 2);
+    let (folder, store) = fresh(2);
     (1..=2).for_each(|rollout| drop(save(&store, rollout).unwrap()));
     let loaded = store.load().unwrap().unwrap();
     assert!(same(&loaded.snapshot, &snapshot(2)) && loaded.figures == Ok(figures(2)));
@@ -350,8 +344,7 @@ fn damaged_figures_cost_no_weights() {
 
 #[test]
 fn a_checkpoint_of_an_older_version_is_taken() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 2);
+    let (folder, store) = fresh(2);
     save(&store, 1).unwrap();
     let path = RunFolder::new(folder.path()).checkpoint_manifest(1);
     let manifest = Manifest::read(&path).unwrap();
@@ -364,8 +357,7 @@ fn a_checkpoint_of_an_older_version_is_taken() {
 
 #[test]
 fn one_that_is_to_be_evaluated_is_pinned_before_it_can_be_pruned() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = store(&folder, 1);
+    let (folder, store) = fresh(1);
     store.save(&snapshot(1), &figures(1), true).unwrap();
     save(&store, 2).unwrap();
     let place = RunFolder::new(folder.path()).validation(1);
@@ -416,8 +408,7 @@ proptest! {
     /// and the checkpoint before it taken.
     #[test]
     fn no_damage_goes_unnoticed(which in 0usize..2, place in any::<prop::sample::Index>(), bit in 0u8..8, cut: bool) {
-        let folder = tempfile::tempdir().unwrap();
-        let store = store(&folder, 2);
+        let (folder, store) = fresh(2);
         save(&store, 1).unwrap();
         save(&store, 2).unwrap();
         let path = &files(&folder)[which];

@@ -70,6 +70,15 @@ fn collector(settings: Settings, boundary: Boundary) -> Collector<FakeSample> {
     Collector::new(settings, &Shards::one(settings.column_map.columns()), boundary)
 }
 
+/// One environment of one actor, which is to send its first observation.
+fn one() -> (ColumnMap, Collector<FakeSample>, FakeActor) {
+    let column_map = ColumnMap::new(0, 1, 1);
+    let collector = collector(settings(column_map, 1), Boundary::start(1));
+    let mut actor = FakeActor::new(0, 1);
+    actor.restore = Some(collector.restore(0, 0));
+    (column_map, collector, actor)
+}
+
 fn reward(name: &str) -> Reward {
     Reward { composition: Config::default().reward(name), multiplier: 0.0 }
 }
@@ -133,10 +142,7 @@ fn an_actor_that_disagrees_is_named() {
 
 #[test]
 fn a_batch_has_the_goal_vector_that_was_reported() {
-    let column_map = ColumnMap::new(0, 1, 1);
-    let mut collector = collector(settings(column_map, 1), Boundary::start(1));
-    let mut actor = FakeActor::new(0, 1);
-    actor.restore = Some(collector.restore(0, 0));
+    let (column_map, mut collector, mut actor) = one();
     let (header, mut sample) = actor.turn(column_map).unwrap().remove(0);
     sample.reals("goal_m").copy_from_slice(&[0.25, -1.5, 3.0]);
     collector.receive(&header, sample).unwrap();

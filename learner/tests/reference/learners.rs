@@ -200,20 +200,20 @@ fn with_shards_any_number_of_learners_trains_the_same_weights() {
     assert_ne!(train(&config)[0].digest, plain, "sums of one learner have another order");
 }
 
-/// On a CPU a batch of one observation gives other last bits than that observation among others, with this encoder.
 #[test]
-fn with_shards_each_is_inferred_by_itself() {
-    train_with_any_number(|config| {
-        config.actors.environments_per_actor = 2;
-        config.network.encoder = Encoder::Resnet;
-    });
-}
-
-#[test]
-fn with_shards_minibatches_are_dealt_alike() {
-    train_with_any_number(|config| config.ppo.minibatches = 3);
-    // Fewer columns in a shard than minibatches.
-    train_with_any_number(|config| (config.actors.environments_per_actor, config.ppo.minibatches) = (1, 3));
+fn with_shards_all_kinds_of_updates_are_the_same() {
+    let changes: [fn(&mut Config); 5] = [
+        // On a CPU a batch of one observation gives other last bits than that observation among others, with this encoder.
+        |config| (config.actors.environments_per_actor, config.network.encoder) = (2, Encoder::Resnet),
+        |config| config.ppo.minibatches = 3,
+        // Fewer columns in a shard than minibatches.
+        |config| (config.actors.environments_per_actor, config.ppo.minibatches) = (1, 3),
+        |config| (config.auxiliary.task, config.auxiliary.subsample) = (AuxiliaryTask::InverseDynamics, 0.5),
+        |config| (config.ppo.overlap, config.auxiliary.task) = (true, AuxiliaryTask::Disturb),
+    ];
+    for change in changes {
+        train_with_any_number(change);
+    }
 }
 
 /// Minibatches of frames, running statistics, and episodes that are bootstrapped where they were truncated.
@@ -247,17 +247,6 @@ fn with_shards_numbers_alone_train_the_same_weights() {
         assert_ne!(all_epochs, of(1e-9), "{memory:?}: one epoch is another update");
         assert_eq!(all_epochs, of(1e9), "{memory:?}");
     }
-}
-
-#[test]
-fn with_shards_auxiliary_tasks_ask_alike() {
-    let task = AuxiliaryTask::InverseDynamics;
-    train_with_any_number(|config| (config.auxiliary.task, config.auxiliary.subsample) = (task, 0.5));
-}
-
-#[test]
-fn with_shards_a_rollout_beside_an_update_is_the_same() {
-    train_with_any_number(|config| (config.ppo.overlap, config.auxiliary.task) = (true, AuxiliaryTask::Disturb));
 }
 
 #[test]

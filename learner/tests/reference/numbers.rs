@@ -11,6 +11,7 @@ use proto::config::{Activation, Config, Memory, PpoConfig, Shuffle};
 use proto::metric;
 use proto::stage::RolloutShape;
 use proto::task::Spec;
+use std::collections::BTreeMap;
 use tch::{Device, Kind, Tensor};
 
 const STEPS: i64 = 16;
@@ -272,6 +273,14 @@ fn adams_epsilon_stands_beside_the_root_of_the_second_moment() {
     }
 }
 
+/// An agent after one rollout and its update, and the update's figures.
+fn updated(config: &Config, progress: f64) -> (Agent, BTreeMap<String, f64>) {
+    let mut agent = Agent::new(config, Device::Cpu).expect("a fresh agent");
+    World::new(config).collect(&mut agent, 0, 4).expect("finite");
+    let figures = agent.update(progress, 0).expect("finite");
+    (agent, figures)
+}
+
 /// Steps of the optimiser show how many epochs there were: none begins after one whose last minibatch has gone too far.
 #[test]
 fn epochs_end_where_the_policy_has_gone_as_far_as_it_may() {
@@ -280,9 +289,7 @@ fn epochs_end_where_the_policy_has_gone_as_far_as_it_may() {
         (config.ppo.epochs, config.ppo.minibatches, config.ppo.target_kl) = (8, 2, target_kl);
         // Each epoch goes further.
         (config.ppo.learning_rate, config.ppo.environments_per_pass) = (3e-3, 0);
-        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-        World::new(&config).collect(&mut agent, 0, 4).expect("finite");
-        let figures = agent.update(0.0, 0).expect("finite");
+        let (agent, figures) = updated(&config, 0.0);
         (agent.state().adam_steps, figures[metric::APPROXIMATE_KL])
     };
     let (all, mean) = steps(0.0);
@@ -432,10 +439,7 @@ fn the_entropy_bonus_and_the_clip_range_fall_with_the_learning_rate() {
         let mut config = numbers_config(Memory::None);
         (config.ppo.learning_rate_end, config.ppo.clip_value) = (1.0, true);
         set(&mut config.ppo);
-        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-        World::new(&config).collect(&mut agent, 0, 4).expect("finite");
-        agent.update(progress, 0).expect("finite");
-        agent.weights_digest()
+        updated(&config, progress).0.weights_digest()
     };
     let entropy = |coefficient, end, progress| {
         digest(&|ppo| (ppo.entropy_coefficient, ppo.entropy_coefficient_end) = (coefficient, end), progress)
@@ -454,10 +458,7 @@ fn advantages_are_normalised_over_what_is_configured() {
     let trained = |by_minibatch: bool, minibatches: u32| {
         let mut config = numbers_config(Memory::None);
         (config.ppo.normalize_by_minibatch, config.ppo.minibatches) = (by_minibatch, minibatches);
-        let mut agent = Agent::new(&config, Device::Cpu).expect("a fresh agent");
-        World::new(&config).collect(&mut agent, 0, 4).expect("finite");
-        agent.update(0.0, 0).expect("finite");
-        weights_of(&agent)
+        weights_of(&updated(&config, 0.0).0)
     };
     let apart = |minibatches: u32| {
         let [one, other] = [false, true].map(|by_minibatch| trained(by_minibatch, minibatches));

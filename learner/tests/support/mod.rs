@@ -139,12 +139,22 @@ impl Rig {
         std::fs::write(folder.path().join("config.toml"), config.to_toml()).unwrap();
         std::fs::write(RunFolder::new(folder.path()).task(), config.spec().text()).unwrap();
         let address = WireAddress::new(&short(name), 1);
-        let shape = WireShape::of(&config);
-        let host = WireHost::create(&address, shape).unwrap();
-        let stage = host.wire().announcer().unwrap();
-        let actors = (0..shape.shares.actors()).map(|actor| StandIn::start(&address, &config, actor, 1)).collect();
-        let book = config.recording.enabled.then(|| ReceiptBook::open(&address, shape.shares.actors()).unwrap());
-        Self { config, folder, address, host: Some(host), stage: Some(stage), version: 0, book, learners: 0, actors }
+        let (host, stage, book, actors) = (None, None, None, vec![]);
+        let mut rig = Self { config, folder, address, host, stage, version: 0, book, learners: 0, actors };
+        rig.open();
+        rig
+    }
+
+    /// Creates the services and starts the actors.
+    fn open(&mut self) {
+        let shape = WireShape::of(&self.config);
+        let host = WireHost::create(&self.address, shape).unwrap();
+        self.stage = Some(host.wire().announcer().unwrap());
+        self.host = Some(host);
+        self.version = 0;
+        let actors = shape.shares.actors();
+        self.book = self.config.recording.enabled.then(|| ReceiptBook::open(&self.address, actors).unwrap());
+        self.actors = (0..actors).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
     }
 
     pub fn run_folder(&self) -> RunFolder {
@@ -272,15 +282,7 @@ impl Rig {
     pub fn next_incarnation(&mut self, number: u32) {
         self.close();
         self.address = WireAddress::new(&short(&number.to_string()), number);
-        let shape = WireShape::of(&self.config);
-        let host = WireHost::create(&self.address, shape).unwrap();
-        self.stage = Some(host.wire().announcer().unwrap());
-        self.host = Some(host);
-        self.version = 0;
-        let actors = shape.shares.actors();
-        self.book = self.config.recording.enabled.then(|| ReceiptBook::open(&self.address, actors).unwrap());
-        self.actors =
-            (0..shape.shares.actors()).map(|actor| StandIn::start(&self.address, &self.config, actor, 1)).collect();
+        self.open();
     }
 
     fn close(&mut self) {

@@ -341,23 +341,6 @@ fn a_repaired_file_says_what_it_lost_and_is_never_called_complete_by_a_replay() 
     assert_eq!(recorded.episodes.len(), 4);
 }
 
-#[test]
-fn a_repair_takes_no_name_that_is_in_use() -> Result<(), RecordingError> {
-    let episode_index = RecordingsFolder::new();
-    let path = episode_index.segment(0, &Config::default(), &episodes(1), same);
-    let whole = std::fs::read(&path).unwrap();
-    std::fs::write(&path, &whole[..whole.len() - 60]).unwrap();
-    for name in ["0.mcap.partial", "0.mcap.partial-2"] {
-        std::fs::write(episode_index.0.path().join(name), "precious").unwrap();
-    }
-    repair(&path, None).unwrap();
-    for name in ["0.mcap.partial", "0.mcap.partial-2"] {
-        assert_eq!(std::fs::read_to_string(episode_index.0.path().join(name)).unwrap(), "precious");
-    }
-    assert_eq!(std::fs::read_dir(episode_index.0.path()).unwrap().count(), 4, "nothing is left behind");
-    gather(&[path], Wanted::default()).map(drop)
-}
-
 /// Recordings of before, whose fields were those of one task.
 #[test]
 fn an_older_recording_is_refused_with_the_version_that_reads_it() {

@@ -149,12 +149,8 @@ fn options(thresholds: &[f32]) -> Result<Options> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::played;
-    use proto::config::Config;
-    use proto::evaluation::{Conditions, Cost, Evaluation, EvaluationConfig, ObjectSet, Subject};
-    use proto::kitchen::{KitchenId, Split};
-    use proto::run_state::RunState;
-    use report::study::{Evaluated, Run};
+    use crate::evaluation::testing::run;
+    use report::study::Run;
 
     #[test]
     fn a_report_that_names_no_folder_has_one_in_a_checkout() {
@@ -166,26 +162,8 @@ mod tests {
 
     #[test]
     fn what_is_not_evaluated_is_named_and_what_is_not_printed_is_counted() {
-        let run = |name: &str, clip, evaluations: &[bool]| {
-            let mut config = Config::resolve("demo", None).unwrap();
-            config.ppo.clip = clip;
-            let evaluation = |&deterministic: &bool| {
-                let asked =
-                    EvaluationConfig { deterministic, ..EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1) };
-                let record = played(KitchenId::of_split(Split::Test)[0], 6, &["success"]);
-                let (conditions, records) =
-                    (Conditions::of(&config, &asked, "cpu".to_owned()), [(record.clone(), vec![])]);
-                let result = Evaluation::of(config.spec(), Subject::default(), conditions, Cost::default(), &records);
-                let name = format!("deterministic-{deterministic}");
-                Evaluated { folder: name.clone().into(), name, result, episodes: vec![record] }
-            };
-            let evaluations = evaluations.iter().map(evaluation).collect();
-            let origin = Origin::Run(RunState::NotStarted);
-            let (name, rollouts, stages, validation) = (name.to_owned(), Vec::new(), Vec::new(), Vec::new());
-            Run { name, origin, config, rollouts, stages, evaluations, validation }
-        };
         let lines = |runs: &[Run]| standing(&Report::of(runs, &Options::default(), Vec::new()).unwrap(), runs.len());
-        let runs = [run("a/one", 0.1, &[false, true]), run("a/two", 0.2, &[]), run("b/two", 0.3, &[])];
+        let runs = [run("a/one", 1, 0.1, &[false, true]), run("a/two", 1, 0.2, &[]), run("b/two", 1, 0.3, &[])];
         let eval = "`orchestrator eval a/two` makes an evaluation";
         let all = [
             "3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two, b/two",
@@ -194,7 +172,7 @@ mod tests {
         ];
         assert_eq!(lines(&runs), all);
         assert_eq!(lines(&runs[1..2]), ["1 run in 1 group; groups evaluated: 0; not evaluated: two", eval]);
-        assert_eq!(lines(&[run("a", 0.1, &[false])]), [""; 0]);
+        assert_eq!(lines(&[run("a", 1, 0.1, &[false])]), [""; 0]);
     }
 
     #[test]

@@ -158,13 +158,4 @@ mod tests {
         let Finding::Problem(text) = check(&demo, &file.join("run")) else { panic!("a file holds no folder") };
         assert!(text.contains("file cannot be written to (Not a directory"), "{text}");
     }
-
-    #[test]
-    fn a_folder_that_is_not_there_yet_is_judged_by_where_it_will_be() {
-        let temporary = tempfile::tempdir().unwrap();
-        let demo = Config::resolve("demo", None).unwrap();
-        assert!(
-            !matches!(check(&demo, &temporary.path().join("a/b/c")), Finding::Problem(text) if text.contains("No such"))
-        );
-    }
 }

@@ -40,21 +40,3 @@ fn usable(folder: &Path) -> Result<(), Error> {
     }
     Ok(rustix::fs::access(folder, Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK)?)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_temporary_folder_that_is_none_is_named_with_its_variable() {
-        let temporary = tempfile::tempdir().unwrap();
-        assert!(matches!(check_folder(temporary.path()), Finding::Good(_)));
-        let file = temporary.path().join("file");
-        std::fs::write(&file, "").unwrap();
-        for (none, why) in [(file, "not a directory"), (temporary.path().join("gone"), "No such file or directory")] {
-            let Finding::Problem(text) = check_folder(&none) else { panic!("{}", none.display()) };
-            assert!(text.contains(why) && text.contains("Set TMPDIR to a folder that is there"), "{text}");
-            assert!(text.contains(&none.display().to_string()), "{text}");
-        }
-    }
-}

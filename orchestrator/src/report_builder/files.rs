@@ -195,20 +195,11 @@ pub fn add_to_table(path: &Path, tables: &[Comparison]) -> Result<Kept> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::played;
-    use proto::evaluation::{Conditions, Cost, Evaluation, EvaluationConfig, ObjectSet, Subject};
-    use proto::kitchen::{KitchenId, Split};
-    use report::study::{Evaluated, Origin};
+    use crate::evaluation::testing::run;
 
     #[test]
     fn settings_that_differ_between_groups_have_a_value_of_each() {
-        let run = |name: &str, seed: u64, clip: f64| {
-            let mut config = Config { seed, ..Config::resolve("demo", None).unwrap() };
-            config.ppo.clip = clip;
-            let (origin, rollouts, stages) = (Origin::NotGiven, Vec::new(), Vec::new());
-            Run { name: name.into(), origin, config, rollouts, stages, evaluations: vec![], validation: vec![] }
-        };
-        let runs = [run("a-1", 1, 0.1), run("b", 1, 0.3), run("a-2", 2, 0.1)];
+        let runs = [run("a-1", 1, 0.1, &[]), run("b", 1, 0.3, &[]), run("a-2", 2, 0.1, &[])];
         let report = Report::of(&runs, &Options::default(), Vec::new()).unwrap();
         let rows = between(&report, &runs);
         assert_eq!((rows.len(), rows[0].name.as_str()), (1, "ppo.clip"), "and not the seed");
@@ -218,27 +209,9 @@ mod tests {
 
     #[test]
     fn the_terminal_has_each_metric_and_says_what_a_star_is() {
-        let run = |name: &str, seed: u64| {
-            let mut config = Config { seed, ..Config::resolve("demo", None).unwrap() };
-            config.ppo.clip = 0.3;
-            let record = played(KitchenId::of_split(Split::Test)[0], 6, &["success"]);
-            let asked = EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 1);
-            let conditions = Conditions::of(&config, &asked, "cpu".to_owned());
-            let records = [(record.clone(), vec![])];
-            let result = Evaluation::of(config.spec(), Subject::default(), conditions, Cost::default(), &records);
-            let evaluated = Evaluated { name: "a".into(), folder: "a".into(), result, episodes: vec![record] };
-            let (origin, rollouts, stages) = (Origin::NotGiven, Vec::new(), Vec::new());
-            Run {
-                name: name.into(),
-                origin,
-                config,
-                rollouts,
-                stages,
-                evaluations: vec![evaluated],
-                validation: vec![],
-            }
-        };
-        let report = Report::of(&[run("a", 1), run("b", 2)], &Options::default(), Vec::new()).unwrap();
+        let report =
+            Report::of(&[run("a", 1, 0.3, &[false]), run("b", 2, 0.3, &[false])], &Options::default(), Vec::new())
+                .unwrap();
         let (rows, said) = rows(&report, 1);
         assert_eq!(rows[0][0], "demo*");
         assert!(rows[0].iter().any(|cell| cell.starts_with("disturbance 0.000 m")), "{rows:?}");

@@ -244,10 +244,10 @@ fn evaluations_of(spec: &Spec, folder: &RunFolder, notes: &mut Vec<String>) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::testing::played;
+    use crate::evaluation::testing::{played, result_of};
     use proto::config::FromConfig;
     use proto::evaluation::{
-        Conditions, Cost, Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
+        Distribution, Evaluation, EvaluationConfig, ObjectSet, TABLE_FILE, category_of, write_table,
     };
     use proto::event::Timing;
     use proto::kitchen::{KitchenId, Split};
@@ -258,10 +258,16 @@ mod tests {
         super::gather(paths, paths)
     }
 
+    /// A folder, and the paths in it.
+    fn place() -> (tempfile::TempDir, impl Fn(&str) -> PathBuf) {
+        let temporary = tempfile::tempdir().unwrap();
+        let root = temporary.path().to_owned();
+        (temporary, move |name| root.join(name))
+    }
+
     #[test]
     fn a_seed_that_a_folder_has_twice_counts_once_unless_both_are_named() {
-        let temporary = tempfile::tempdir().unwrap();
-        let at = |name: &str| temporary.path().join(name);
+        let (_temporary, at) = place();
         begin(&at("runs/a"), |_| {});
         begin(&at("runs/b"), |_| {});
         let below = gather(&[at("runs")]).unwrap();
@@ -304,29 +310,32 @@ mod tests {
             weights: weights.repeat(64),
             ..Subject::default()
         };
-        let conditions = Conditions::of(&config, &asked, "cpu".to_owned());
         let spec = config.spec();
-        let result = Evaluation::of(spec, subject, conditions, Cost::default(), &[(record.clone(), vec![20])]);
+        let mut result = result_of(&config, &asked, &record);
+        result.subject = subject;
         std::fs::create_dir_all(folder).unwrap();
         std::fs::write(folder.join(RESULT_FILE), serde_json::to_string(&result).unwrap()).unwrap();
         std::fs::write(folder.join(TABLE_FILE), write_table(spec, &[record], Distribution::Fixed)).unwrap();
         std::fs::write(folder.join("config.toml"), config.to_toml()).unwrap();
     }
 
+    /// Changes the result in an evaluation's folder.
+    fn change(folder: &Path, change: impl FnOnce(&mut Evaluation)) {
+        let path = folder.join(RESULT_FILE);
+        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        change(&mut result);
+        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+    }
+
     /// An evaluation after that many frames, made after all before.
     fn evaluate_after(folder: &Path, run: &Path, weights: &str, frames: u64) {
         evaluate(folder, Split::Test, Some(run), weights);
-        let path = folder.join(RESULT_FILE);
-        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
-        result.subject.frames = frames;
-        result.cost.at_unix_s = 1_000_000 - frames;
-        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+        change(folder, |result| (result.subject.frames, result.cost.at_unix_s) = (frames, 1_000_000 - frames));
     }
 
     #[test]
     fn of_several_checkpoints_of_a_run_the_newest_counts_and_the_others_are_named() {
-        let temporary = tempfile::tempdir().unwrap();
-        let at = |name: &str| temporary.path().join(name);
+        let (_temporary, at) = place();
         begin(&at("run"), |_| {});
         // The older one was evaluated last.
         for (name, weights, frames) in [("of/b-new", "b", 900), ("of/a-old", "a", 400)] {
@@ -348,9 +357,7 @@ mod tests {
         }
         // Of a policy file no run is known; that there was one is.
         evaluate(&at("file"), Split::Test, None, "c");
-        let path = at("file").join(RESULT_FILE);
-        let result = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, result.replace("\"checkpoint\":null", "\"checkpoint\":\"/w/a.safetensors\"")).unwrap();
+        change(&at("file"), |result| result.subject.checkpoint = Some("/w/a.safetensors".to_owned()));
         assert_eq!(gather(&[at("file")]).unwrap().runs[0].origin, Origin::Policy("a.safetensors".to_owned()));
         // One alone stands for its run, however old.
         let gathered = gather(&[at("of/a-old")]).unwrap();
@@ -369,14 +376,10 @@ mod tests {
 
     #[test]
     fn an_evaluation_is_of_the_run_whose_id_it_names_not_of_the_folder() {
-        let temporary = tempfile::tempdir().unwrap();
-        let at = |name: &str| temporary.path().join(name);
+        let (_temporary, at) = place();
         begin(&at("run"), |_| {});
         evaluate(&at("of"), Split::Test, Some(&at("run")), "a");
-        let path = at("of").join(RESULT_FILE);
-        let mut result: Evaluation = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
-        result.subject.run_id = RunFolder::new(at("run")).id();
-        std::fs::write(path, serde_json::to_string(&result).unwrap()).unwrap();
+        change(&at("of"), |result| result.subject.run_id = RunFolder::new(at("run")).id());
         let found = |run: &str| -> Vec<(Origin, usize)> {
             let gathered = gather(&[at(run), at("of")]).unwrap();
             gathered.runs.into_iter().map(|run| (run.origin, run.evaluations.len())).collect()
@@ -409,8 +412,7 @@ mod tests {
 
     #[test]
     fn evaluations_of_the_same_weights_are_one() {
-        let temporary = tempfile::tempdir().unwrap();
-        let at = |name: &str| temporary.path().join(name);
+        let (_temporary, at) = place();
         for (split, name) in [(Split::Test, "test"), (Split::Validation, "validation")] {
             evaluate(&at(&format!("fresh/{name}")), split, None, "a");
             evaluate(&at(&format!("trained/{name}")), split, Some(&at("gone")), "b");
@@ -429,8 +431,7 @@ mod tests {
 
     #[test]
     fn how_weights_were_trained_stands_in_their_runs_folder() {
-        let temporary = tempfile::tempdir().unwrap();
-        let at = |name: &str| temporary.path().join(name);
+        let (_temporary, at) = place();
         begin(&at("plain"), |_| {});
         begin(&at("continued"), |config| {
             let checkpoint = "/x/checkpoints/rollout-00000001.json".to_owned();
@@ -454,8 +455,7 @@ mod tests {
     /// In every run folder the copies of scenes have the same names.
     #[test]
     fn runs_in_different_scenes_are_different_experiments() {
-        let temporary = tempfile::tempdir().unwrap();
-        let at = |name: &str| temporary.path().join(name);
+        let (_temporary, at) = place();
         for (name, seed, text) in [("bath-3", 3, "a bath"), ("hall-3", 3, "a hall"), ("hall-4", 4, "a hall")] {
             begin(&at(name), |config| (config.seed, config.scenes) = (seed, vec!["scenes/000/scene.toml".into()]));
             let scene = RunFolder::new(at(name)).scene(0);

@@ -55,26 +55,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_evaluation_that_was_cut_off_names_no_folder_that_is_deleted() {
+    fn nothing_else_is_deleted_with_an_evaluation_that_was_cut_off() {
         let temporary = tempfile::tempdir().unwrap();
         let (result, precious) = (temporary.path().join("result"), temporary.path().join("precious"));
         for folder in [&result, &precious] {
             std::fs::create_dir(folder).unwrap();
         }
+        std::fs::write(precious.join("file"), "precious").unwrap();
+        // Neither what its identity names, nor what a link in its place leads to.
         let mut identity = Identity::new().unwrap();
         identity.begin_incarnation();
         identity.incarnations[0].wire = format!("stillroom_@{}", precious.display());
         identity.write(&RunFolder::new(&result)).unwrap();
         remove_evaluation(&result).unwrap();
-        assert!(precious.is_dir() && !result.exists());
-    }
-
-    #[test]
-    fn a_link_in_the_place_of_an_evaluation_is_removed_and_not_what_it_leads_to() {
-        let temporary = tempfile::tempdir().unwrap();
-        let (result, precious) = (temporary.path().join("result"), temporary.path().join("precious"));
-        std::fs::create_dir(&precious).unwrap();
-        std::fs::write(precious.join("file"), "precious").unwrap();
+        assert!(precious.join("file").is_file() && !result.exists());
         std::os::unix::fs::symlink(&precious, &result).unwrap();
         remove_evaluation(&result).unwrap();
         assert!(precious.join("file").is_file() && !result.is_symlink());

@@ -412,15 +412,4 @@ pub mod tests {
         );
         assert_eq!([read.actors_for(4, 3), read.actors_for(6, 3)], [3, 6]);
     }
-
-    #[test]
-    fn an_address_is_the_runs_own_whatever_its_file_says() {
-        let (_temporary, folder) = folder();
-        let mut identity = Identity::new().unwrap();
-        let (_, address) = identity.begin_incarnation();
-        identity.incarnations[0].wire = "stillroom_@/home/me".into();
-        identity.write(&folder).unwrap();
-        let read = Identity::read(&folder).unwrap();
-        assert_eq!(read.address(&read.incarnations[0]), address);
-    }
 }

@@ -584,47 +584,44 @@ mod tests {
 
     #[test]
     fn mistakes_are_found_before_anything_starts() {
-        assert!(problem("").contains("runs"));
         let objects = "[[evaluations]]\nsplit = \"test\"\nobjects = \"novel\"\n";
-        let targets = problem(&format!("seeds = [1]\n{objects}[[runs]]\npreset = \"point-nav-demo\"\n"));
-        let expected = "number 1: leave out `objects`: an episode of point-nav-demo-1 has no target";
-        assert!(targets.contains(expected), "{targets}");
-        assert!(problem("runs = []").contains("at least one"));
+        let of = |preset: &str| format!("[[runs]]\npreset = \"{preset}\"\n");
+        let demo = of("demo");
+        for (text, said) in [
+            (
+                format!("{objects}{}", of("point-nav-demo")),
+                "number 1: leave out `objects`: an episode of point-nav-demo-1 has no target",
+            ),
+            (format!("{demo}{}", of("demmo")), "number 2"),
+            (format!("{demo}{}", of("demmo")), "did you mean `demo`?"),
+            (format!("{demo}{demo}"), "two runs are called demo-1"),
+            (format!("{objects}{objects}{demo}"), "[[evaluations]] number 2 repeats number 1"),
+            (format!("{demo}{demo}name = \"x\"\n"), "demo-1 and x-1 are the same run"),
+            (format!("{demo}config.ppo.lerning_rate = 1.0\n"), "lerning_rate"),
+            (format!("{demo}config.ppo.lerning_rate = 1.0\n"), "did you mean `learning_rate`?"),
+            (format!("{demo}config.seed = 3\n"), "`seeds`"),
+            (format!("{demo}name = \"../x\"\n"), "../x"),
+            (format!("sped = 2\n{demo}"), "sped"),
+            (of("lambda-15") + &of("disturb-two-stage"), "lambda-15-1 and disturb-two-stage-1 are the same run"),
+            (format!("{}episodes = 361\n{demo}", objects.replace("novel", "all")), "361"),
+        ] {
+            let problem = problem(&format!("seeds = [1]\n{text}"));
+            assert!(problem.contains(said), "{said}: {problem}");
+        }
+        assert!(problem("runs = []").contains("at least one") && problem(&demo).contains("no seeds"));
         assert!(problem("runs = []\nsedes = [1]\n").ends_with("(did you mean `seeds`?)"));
-        assert!(problem("[[runs]]\npreset = \"demo\"\n").contains("no seeds"));
-        let unknown = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demmo\"\n");
-        assert!(unknown.contains("number 2") && unknown.contains("did you mean `demo`?"), "{unknown}");
-        let twice = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demo\"\n");
-        assert!(twice.contains("two runs are called demo-1"), "{twice}");
-        let seeds = problem("seeds = [3, 1, 3]\n[[runs]]\npreset = \"demo\"\n");
-        assert!(seeds.ends_with("seeds = [3, 1, 3]: 3 is given twice"), "{seeds}");
-        let again = problem(&format!("seeds = [1]\n{objects}{objects}[[runs]]\npreset = \"demo\"\n"));
-        assert!(again.contains("[[evaluations]] number 2 repeats number 1"), "{again}");
-        let same = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\n[[runs]]\npreset = \"demo\"\nname = \"x\"\n");
-        assert!(same.contains("demo-1 and x-1 are the same run"), "{same}");
-        let key = problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.ppo.lerning_rate = 1.0\n");
-        assert!(key.contains("lerning_rate") && key.contains("did you mean `learning_rate`?"), "{key}");
-        assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nconfig.seed = 3\n").contains("`seeds`"));
-        assert!(problem("seeds = [1]\n[[runs]]\npreset = \"demo\"\nname = \"../x\"\n").contains("../x"));
+        let few = "[[runs]] number 1, preset `demo`: frames = 1: it needs at least 2,432, a rollout for each stage";
+        assert_eq!(problem(&format!("seeds = [1]\nframes = 1\n{demo}")), few);
+        assert!(problem(&format!("seeds = [3, 1, 3]\n{demo}")).ends_with("seeds = [3, 1, 3]: 3 is given twice"));
         // Refused before a run is made for each seed: a million would take minutes and the machine's memory.
         let began = std::time::Instant::now();
         let seeds: Vec<String> = (0..1_000_000).map(|seed: u32| seed.to_string()).collect();
-        let many = problem(&format!("seeds = [{}]\n[[runs]]\npreset = \"demo\"\n", seeds.join(",")));
+        let many = problem(&format!("seeds = [{}]\n{demo}", seeds.join(",")));
         assert!(many.contains("1000000 seeds; a suite has at most"), "{many}");
         assert!(began.elapsed().as_secs() < 30);
-        let each = "[[runs]]\npreset = \"demo\"\ngrid = { \"ppo.epochs\" = [1, 2, 3, 4] }\n";
+        let each = format!("{demo}grid = {{ \"ppo.epochs\" = [1, 2, 3, 4] }}\n");
         let many = problem(&format!("seeds = [{}]\n{each}", seeds[..900].join(",")));
         assert!(many.contains("runs so far; a suite has at most"), "{many}");
-        assert!(problem("seeds = [1]\nsped = 2\n[[runs]]\npreset = \"demo\"\n").contains("sped"));
-        let few = problem("seeds = [1]\nframes = 1\n[[runs]]\npreset = \"demo\"\n");
-        assert_eq!(
-            few,
-            "[[runs]] number 1, preset `demo`: frames = 1: it needs at least 2,432, a rollout for each stage"
-        );
-        let same = problem("seeds = [1]\n[[runs]]\npreset = \"lambda-15\"\n[[runs]]\npreset = \"disturb-two-stage\"\n");
-        assert!(same.contains("lambda-15-1 and disturb-two-stage-1 are the same run"), "{same}");
-        let range = "seeds = [1]\n[[evaluations]]\nsplit = \"test\"\nobjects = \"all\"\nepisodes = 361\n";
-        assert!(problem(&format!("{range}[[runs]]\npreset = \"demo\"\n")).contains("361"));
     }
 
     #[test]

@@ -497,18 +497,4 @@ mod tests {
         let call = "its last call was in environment 5, episode 0, step 7, at step() (/mine.py:14)";
         assert_eq!(last_words.last().map(String::as_str), Some(call));
     }
-
-    #[tokio::test]
-    async fn a_child_that_does_not_listen_is_killed() {
-        let (sender, mut events) = mpsc::channel(16);
-        let mut child =
-            Command::new("sh").args(["-c", "trap '' TERM; exec sleep 60"]).stdin(Stdio::piped()).spawn().unwrap();
-        let _lifeline = child.stdin.take();
-        let (kill, killed) = oneshot::channel();
-        let child = Attended { child, process: Process::Actor(0), incarnation: 1, notes: None };
-        tokio::spawn(attend(child, tempfile::tempfile().unwrap(), sender, killed));
-        kill.send(()).unwrap();
-        let Some(Event::Exited { exit, .. }) = events.recv().await else { panic!("no exit") };
-        assert_eq!(exit, Exit::Signal(9));
-    }
 }

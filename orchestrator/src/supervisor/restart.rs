@@ -115,21 +115,19 @@ mod tests {
     }
 
     #[test]
-    fn slow_deaths_are_bounded_too() {
+    fn slow_deaths_are_bounded_too_and_progress_forgives() {
         let deadlines = RestartPolicy::default();
-        let mut history = RestartHistory::default();
-        let restarts = (0..).map(|i| history.died(seconds(30.0 * f64::from(i)), &deadlines));
-        assert_eq!(restarts.take_while(|verdict| matches!(verdict, Verdict::RestartAt(_))).count(), deadlines.in_all);
-    }
-
-    #[test]
-    fn progress_forgives() {
-        let deadlines = RestartPolicy::default();
-        let mut history = RestartHistory::default();
-        for i in 0..1000 {
-            let now = seconds(f64::from(i));
-            assert!(matches!(history.died(now, &deadlines), Verdict::RestartAt(_)), "death {i}");
-            history.progress();
-        }
+        let restarts = |pause_s: f64, progress: bool| {
+            let mut history = RestartHistory::default();
+            let verdicts = (0..1000).map(|i| {
+                let verdict = history.died(seconds(pause_s * f64::from(i)), &deadlines);
+                if progress {
+                    history.progress();
+                }
+                verdict
+            });
+            verdicts.take_while(|verdict| matches!(verdict, Verdict::RestartAt(_))).count()
+        };
+        assert_eq!([restarts(30.0, false), restarts(1.0, true)], [deadlines.in_all, 1000]);
     }
 }

@@ -235,6 +235,14 @@ pub mod tests {
         assert_eq!(figures[1].last_tenth.mean_return, Some(29.0));
         let known = BTreeMap::from([("disturbance_m".to_owned(), 0.25), ("success".to_owned(), 0.5)]);
         assert_eq!(figures[1].last_tenth.figures, known, "what was never reported stays unknown");
+
+        let figures = by_stage(&stages(), &history(10));
+        assert_eq!((figures.len(), figures[0].frames), (1, 500), "a stage that has not got there");
+        assert_eq!(figures[0].last_tenth.mean_return, Some((8.0 + 3.0 * 9.0) / 4.0), "rollouts 8 and 9 of ten");
+        let short = [StageConfig { frames: 100, ..stages().remove(0) }];
+        let figures = by_stage(&short, &history(2));
+        let tenths = [&figures[0].first_tenth, &figures[0].last_tenth].map(|tenth| tenth.mean_return);
+        assert_eq!(tenths, [Some(0.0), Some(1.0)], "long rollouts stand for their tenth");
     }
 
     #[test]
@@ -244,24 +252,6 @@ pub mod tests {
         assert_eq!(read.figures, BTreeMap::from([("success".to_owned(), 0.5)]));
         let written = r#"{"episodes":3,"mean_return":null,"success":0.5}"#;
         assert_eq!(serde_json::to_string(&read).unwrap(), written);
-    }
-
-    #[test]
-    fn a_stage_that_has_not_got_there_has_a_newest_tenth() {
-        let figures = by_stage(&stages(), &history(10));
-        assert_eq!(figures.len(), 1);
-        assert_eq!(figures[0].last_tenth.mean_return, Some((8.0 + 3.0 * 9.0) / 4.0), "rollouts 8 and 9 of ten");
-        assert_eq!(figures[0].frames, 500);
-    }
-
-    #[test]
-    fn long_rollouts_stand_for_their_tenth() {
-        let mut stages = stages();
-        stages.truncate(1);
-        stages[0].frames = 100;
-        let figures = by_stage(&stages, &history(2));
-        assert_eq!(figures[0].first_tenth.mean_return, Some(0.0));
-        assert_eq!(figures[0].last_tenth.mean_return, Some(1.0));
     }
 
     /// As in a complete run of long episodes.

@@ -242,6 +242,15 @@ mod tests {
         config
     }
 
+    fn seconds(count: u64) -> Duration {
+        Duration::from_secs(count)
+    }
+
+    fn trained(rollout: u64, frames: u64) -> LearnerEvent {
+        let (timing, metrics) = (proto::event::Timing::default(), BTreeMap::new());
+        LearnerEvent::RolloutTrained { rank: 0, rollout, frames, stage: u32::from(frames > 1000), timing, metrics }
+    }
+
     /// Only `ArmPointNav`'s metrics were shown of any task.
     #[test]
     fn another_tasks_metrics_are_shown_in_their_own_words() {
@@ -270,7 +279,6 @@ mod tests {
 
     #[test]
     fn at_the_end_nothing_is_left_but_the_validation_that_is_waited_for() {
-        let seconds = Duration::from_secs;
         let finished = |complete| LearnerEvent::Finished { rank: 0, frames: 1500, weights: "f".repeat(64), complete };
         let mut progress = Progress::new(&config(false));
         progress.learner_died(seconds(3));
@@ -292,7 +300,6 @@ mod tests {
 
     #[test]
     fn before_a_rollout_is_trained_no_rate_is_of_now_and_no_time_is_left() {
-        let seconds = Duration::from_secs;
         let mut progress = Progress::new(&config(false));
         let lines = |progress: &Progress| {
             [None, Some(200)].map(|columns| progress.line(seconds(3), &history(22), false, columns)).join("\n")
@@ -302,11 +309,7 @@ mod tests {
         let ready = LearnerEvent::RolloutCollected { rank: 0, rollout: 22, frames: 1150, here: 50 };
         progress.learner(seconds(1), &ready);
         assert!(is_idle(&lines(&progress)), "{}", lines(&progress));
-        let (timing, metrics) = (proto::event::Timing::default(), BTreeMap::new());
-        progress.learner(
-            seconds(2),
-            &LearnerEvent::RolloutTrained { rank: 0, rollout: 22, frames: 1150, stage: 1, timing, metrics },
-        );
+        progress.learner(seconds(2), &trained(22, 1150));
         let trains = lines(&progress);
         assert!(trains.contains("25.0 frames/s now") && trains.matches(" left").count() == 2, "{trains}");
         progress.learner_died(seconds(3));
@@ -315,7 +318,6 @@ mod tests {
 
     #[test]
     fn with_overlap_a_rollout_is_collected_beside_every_update_but_a_stages_last() {
-        let seconds = Duration::from_secs;
         let end = stages()[0].frames;
         let doing = |overlap, frames| {
             let mut progress = Progress::new(&config(overlap));
@@ -329,19 +331,8 @@ mod tests {
 
     #[test]
     fn an_actor_that_is_waited_for_is_named_as_long_as_that_is_said() {
-        let seconds = Duration::from_secs;
         let mut progress = Progress::new(&config(false));
-        progress.learner(
-            seconds(10),
-            &LearnerEvent::RolloutTrained {
-                rank: 0,
-                rollout: 4,
-                frames: 50,
-                stage: 0,
-                timing: proto::event::Timing::default(),
-                metrics: std::collections::BTreeMap::new(),
-            },
-        );
+        progress.learner(seconds(10), &trained(4, 50));
         progress.learner(seconds(20), &LearnerEvent::WaitingForActor { rank: 1, actor: 3, waited_s: 2.0 });
         assert_eq!(progress.doing(seconds(31), false), "waiting for actor-03, 2 s");
         assert!(!progress.is_usual(seconds(31)));

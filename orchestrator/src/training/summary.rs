@@ -280,21 +280,14 @@ mod tests {
     }
 
     #[test]
-    fn means_over_a_whole_stage_are_called_so() {
-        let stages = summary().stages;
-        let said =
-            |stages: &[StageMeans]| table(&metrics(), stages).into_iter().skip(stages.len() + 2).collect::<Vec<_>>();
-        assert_eq!(said(&stages), [""; 0]);
-        let whole = StageMeans { last_tenth: stages[1].whole.clone(), ..stages[1].clone() };
-        assert_eq!(said(&[whole]), ["stage II: means over all of its episodes"]);
-    }
-
-    #[test]
-    fn a_tenth_without_an_episode_is_said_to_be_one_and_no_rollout_is_no_table() {
+    fn what_the_means_of_a_stage_are_over_is_said() {
         let mut stages = summary().stages;
-        assert!(table(&metrics(), &stages).last().unwrap().ends_with("-> newest tenth"));
+        let said = |stages: &[StageMeans]| table(&metrics(), stages).split_off(stages.len() + 1);
+        assert!(matches!(&*said(&stages), [tenths] if tenths.ends_with("-> newest tenth")), "{:?}", said(&stages));
+        let whole = StageMeans { last_tenth: stages[1].whole.clone(), ..stages[1].clone() };
+        assert_eq!(said(&[whole])[1..], ["stage II: means over all of its episodes"]);
         stages[0].last_tenth.mean_return = None;
-        assert!(table(&metrics(), &stages).last().unwrap().ends_with("; –: no episode ended there"));
+        assert!(said(&stages)[0].ends_with("; –: no episode ended there"));
         assert_eq!(table(&metrics(), &[]), Vec::<String>::new());
     }
 

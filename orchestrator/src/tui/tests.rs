@@ -50,6 +50,14 @@ fn look(readers: &RunReaders, name: &str, model: &mut Model) {
     model.take(Look { live: readers.live(name), curves, suite: None });
 }
 
+/// Such a run, and what is shown of it.
+fn looked_at(rollouts: u64) -> (tempfile::TempDir, RunReaders, String, Model) {
+    let (temporary, readers, name) = run(rollouts);
+    let mut model = Model::default();
+    look(&readers, &name, &mut model);
+    (temporary, readers, name, model)
+}
+
 fn screen(model: &Model, columns: u16, lines: u16) -> Vec<String> {
     let mut terminal = Terminal::new(TestBackend::new(columns, lines)).unwrap();
     terminal.draw(|frame| draw(frame, model)).unwrap();
@@ -64,9 +72,7 @@ fn press(model: &mut Model, code: KeyCode) -> bool {
 
 #[test]
 fn keys_scroll_switch_and_leave() {
-    let (_temporary, readers, name) = run(3);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (.., mut model) = looked_at(3);
     assert!(!screen(&model, 80, 24).join("").contains("actor-29"));
     assert!(press(&mut model, KeyCode::End));
     let text = screen(&model, 80, 24).join("\n");
@@ -84,9 +90,7 @@ fn keys_scroll_switch_and_leave() {
 
 #[test]
 fn every_size_is_drawn() {
-    let (_temporary, readers, name) = run(22);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (.., model) = looked_at(22);
     for (columns, lines) in [(1, 1), (2, 5), (20, 7), (25, 12), (60, 15), (80, 24), (131, 41), (300, 100)] {
         let shown = screen(&model, columns, lines);
         assert_eq!(shown.len(), usize::from(lines));
@@ -103,9 +107,7 @@ fn every_size_is_drawn() {
 
 #[test]
 fn a_return_is_that_of_the_newest_tenth_and_the_axis_of_no_success_is_short() {
-    let (_temporary, readers, name) = run(20);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (.., mut model) = looked_at(20);
     model.curves.series.insert("episode/success".to_owned(), vec![Some(0.0); 20]);
     let shown = screen(&model, 120, 35).join("\n");
     // Rollouts 18 and 19, of one and of three episodes.
@@ -115,9 +117,7 @@ fn a_return_is_that_of_the_newest_tenth_and_the_axis_of_no_success_is_short() {
 
 #[test]
 fn an_evaluation_has_its_kitchens_and_no_long_empty_boxes() {
-    let (_temporary, readers, name) = run(3);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (.., mut model) = looked_at(3);
     let live = model.live.as_mut().unwrap();
     live.card.evaluation = true;
     live.workers.truncate(3);
@@ -134,9 +134,7 @@ fn an_evaluation_has_its_kitchens_and_no_long_empty_boxes() {
 
 #[test]
 fn a_suite_has_two_lines_above_its_run() {
-    let (_temporary, readers, name) = run(3);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (_temporary, readers, name, mut model) = looked_at(3);
     let alone = screen(&model, 80, 24);
     let suite = || Some("suite small: run 2 of 2, training\nsmall-1 done, small-2 training".to_owned());
     let look = |suite| Look { live: readers.live(&name), curves: readers.curves(&name, 0, 0), suite };
@@ -151,9 +149,7 @@ fn a_suite_has_two_lines_above_its_run() {
 
 #[test]
 fn a_name_comes_before_the_stages() {
-    let (_temporary, readers, name) = run(3);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (.., mut model) = looked_at(3);
     "runs/20261129-205550-demo-1".clone_into(&mut model.live.as_mut().unwrap().card.folder);
     let first = |columns| screen(&model, columns, 24).remove(0);
     let narrow = first(80);
@@ -164,10 +160,8 @@ fn a_name_comes_before_the_stages() {
 
 #[test]
 fn what_is_new_is_added_and_what_is_gone_is_said() {
-    let (temporary, readers, name) = run(10);
+    let (temporary, readers, name, mut model) = looked_at(10);
     let folder = RunFolder::new(temporary.path().join("my-run"));
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
     assert_eq!(model.curves.frames.len(), 10);
     let lines =
         |rollouts| history(rollouts).iter().map(|one| serde_json::to_string(one).unwrap() + "\n").collect::<String>();
@@ -210,9 +204,7 @@ fn a_figure_that_comes_or_ends_has_no_value_where_it_is_missing() {
 
 #[test]
 fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
-    let (_temporary, readers, name) = run(3);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (.., mut model) = looked_at(3);
     let live = model.live.as_mut().unwrap();
     live.kitchens = (1..=19)
         .map(|kitchen| Kitchen {
@@ -251,9 +243,7 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
 /// They are read in the order of time: what is known of a long run is of its beginning at first.
 #[test]
 fn the_oldest_episodes_are_not_shown_as_the_newest() {
-    let (_temporary, readers, name) = run(3);
-    let mut model = Model::default();
-    look(&readers, &name, &mut model);
+    let (.., mut model) = looked_at(3);
     let live = model.live.as_mut().unwrap();
     live.kitchens = vec![Kitchen { kitchen: 17, environments: vec![0], episodes: 43, figures: [].into() }];
     let mut shown = |indexed| {

@@ -5,7 +5,6 @@ use rustix::process::Signal;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
-use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use system_tests::{
     Network, Printed, Recording, Run, Undisturbed, Workshop, complete, finish, kill_child, signal, start,
@@ -82,8 +81,17 @@ impl Hosts {
     }
 
     pub fn start<const N: usize>(&self) -> [Child; N] {
+        self.start_with(|_| None)
+    }
+
+    /// The same with faults in each host's processes.
+    pub fn start_with<const N: usize>(&self, fault: impl Fn(usize) -> Option<String>) -> [Child; N] {
         assert_eq!(N, self.folders.len(), "all are started");
-        std::array::from_fn(|host| start(self.command(host, "token")))
+        std::array::from_fn(|host| {
+            let mut command = self.command(host, "token");
+            command.envs(fault(host).map(|fault| ("STILLROOM_FAULT", fault)));
+            start(command)
+        })
     }
 
     /// Starts all and waits until all have ended.
@@ -109,9 +117,8 @@ impl Hosts {
 }
 
 /// The same learners on one host.
-fn on_one_host() -> &'static (String, u64) {
-    static RESULT: OnceLock<(String, u64)> = OnceLock::new();
-    RESULT.get_or_init(|| as_many_on_one_host(2, FRAMES))
+fn on_one_host() -> (String, u64) {
+    as_many_on_one_host(2, FRAMES)
 }
 
 pub fn as_many_on_one_host(learners: u32, frames: u64) -> (String, u64) {
@@ -137,7 +144,7 @@ fn assert_lost(began: Instant, printed: &[Printed], lost: &str) {
 fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
     let hosts = Hosts::new(&["shared", "shared"]);
     let [first, second] = hosts.complete();
-    assert_eq!(&first.result(), on_one_host());
+    assert_eq!(first.result(), on_one_host());
     assert!(second.success && second.stderr.contains("the run is complete"), "{second:#?}");
     let run = hosts.run();
     assert_eq!(run.recordings().len(), 2, "one of each host");
@@ -159,7 +166,7 @@ fn two_hosts_train_as_one_and_their_recordings_together_are_the_run() {
     hosts.assert_nothing_left();
     // A launcher that starts it again hears that there is nothing to do.
     let [first, second] = hosts.complete();
-    assert_eq!(&first.result(), on_one_host());
+    assert_eq!(first.result(), on_one_host());
     assert!(second.success && second.stderr.contains("complete"), "{second:#?}");
 }
 
@@ -173,7 +180,7 @@ fn a_killed_learner_and_a_killed_actor_of_the_other_host_are_started_again() {
     run.wait_for_rollouts(8);
     other.kill_one("--rank 1 ");
     let printed = finish(first);
-    assert_eq!(&printed.result(), on_one_host());
+    assert_eq!(printed.result(), on_one_host());
     let deaths = printed.deaths();
     assert!(
         matches!(deaths[..], [actor, learner] if actor.contains("actor-03") && learner.contains("learner-1")),
@@ -222,7 +229,7 @@ fn a_stranger_who_knocks_writes_no_log() {
     let mute: Vec<_> = (0..200).filter_map(|_| TcpStream::connect(&hosts.rendezvous).ok()).collect();
     let second = finish(start(hosts.command(1, "token")));
     let first = finish(first);
-    assert_eq!((&first.result(), second.success), (on_one_host(), true), "{second:#?}");
+    assert_eq!((first.result(), second.success), (on_one_host(), true), "{second:#?}");
     drop(mute);
     let log = hosts.run().log("orchestrator");
     for text in [&log, &first.stderr] {
@@ -249,7 +256,7 @@ fn a_lost_host_ends_the_job_by_name_and_the_next_start_goes_on() {
         assert_lost(began, &[printed], name);
         assert!(run.trained() < FRAMES, "the run was cut off in its middle");
         let [first, second] = hosts.complete();
-        assert_eq!(&first.result(), on_one_host());
+        assert_eq!(first.result(), on_one_host());
         assert!(second.success, "{second:#?}");
         let recorded = Recording::of(&run).steps() + Recording::of(&hosts.other()).steps();
         assert!(recorded >= FRAMES, "every step that counts is recorded: {recorded}");
@@ -272,7 +279,7 @@ fn a_scheduler_has_it_saved_and_started_again_also_with_other_hosts() {
     assert!(run.trained() < FRAMES, "the run was stopped in its middle");
     hosts.workshop.copy("first", "alone");
     let [first, second] = hosts.complete();
-    assert_eq!(&first.result(), on_one_host());
+    assert_eq!(first.result(), on_one_host());
     assert!(second.success, "{second:#?}");
     hosts.assert_nothing_left();
 

@@ -5,7 +5,6 @@
 use super::hosts::{Hosts, as_many_on_one_host};
 use std::io::Read;
 use std::process::{Child, Stdio};
-use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use system_tests::{Network, Printed, Quality, Recording, finish, kill, kill_child, start, wait_until};
 
@@ -24,9 +23,8 @@ fn hosts(quality: Option<Quality>) -> Option<Hosts> {
     Some(hosts)
 }
 
-fn on_one_host() -> &'static (String, u64) {
-    static RESULT: OnceLock<(String, u64)> = OnceLock::new();
-    RESULT.get_or_init(|| as_many_on_one_host(HOSTS as u32, FRAMES))
+fn on_one_host() -> (String, u64) {
+    as_many_on_one_host(HOSTS as u32, FRAMES)
 }
 
 /// The same commands go on to the end, and all of it is recorded and can be replayed.
@@ -62,13 +60,7 @@ fn assert_lost(began: Instant, printed: &[Printed], lost: usize) {
 fn cut_at(point: &str, held: usize) {
     let Some(hosts) = hosts(None) else { return };
     let network = hosts.network();
-    let children: [Child; HOSTS] = std::array::from_fn(|host| {
-        let mut command = hosts.command(host, "token");
-        if host == held {
-            command.env("STILLROOM_FAULT", format!("hold={point}@learner"));
-        }
-        start(command)
-    });
+    let children: [Child; HOSTS] = hosts.start_with(|host| (host == held).then(|| format!("hold={point}@learner")));
     network.wait_until_held(held, "--rank");
     let before = hosts.run().metrics().len();
     let began = Instant::now();
@@ -79,7 +71,7 @@ fn cut_at(point: &str, held: usize) {
     assert!(hosts.run().metrics().len() <= before + 1, "nobody trains alone");
     hosts.assert_nothing_left();
     network.mend(HOSTS - 1);
-    goes_on(&hosts, on_one_host());
+    goes_on(&hosts, &on_one_host());
 }
 
 #[test]
@@ -152,7 +144,7 @@ fn whoever_is_killed_is_started_again_or_named() {
     assert!(finish(second).killed);
     network.mend(1);
     wait_until_none_runs(&hosts);
-    goes_on(&hosts, on_one_host());
+    goes_on(&hosts, &on_one_host());
 }
 
 /// What came back of 400 words from host 1 to host 0, and the shortest time that took, ms.

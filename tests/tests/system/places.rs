@@ -220,8 +220,8 @@ fn a_temporary_folder_is_used_or_refused_in_the_words_of_the_doctor() {
         (OsStr::from_bytes(b"wrong-\xff").to_owned(), "has a letter in its name that cannot be used"),
         (workshop.path("what?").into_os_string(), "has a letter in its name that cannot be used"),
         (workshop.path(&long).into_os_string(), "too long a name"),
-        ("file".into(), "not a directory"),
-        ("gone".into(), "No such file or directory"),
+        ("file".into(), "file cannot be used: not a directory. Set TMPDIR to a folder that is there"),
+        ("gone".into(), "gone cannot be used: No such file or directory (os error 2). Set TMPDIR to a folder"),
         ("/proc".into(), "/proc"),
     ] {
         if ![OsStr::new("file"), OsStr::new("gone"), OsStr::new("/proc")].contains(&folder.as_os_str()) {

@@ -63,11 +63,9 @@ fn a_stop_that_reaches_another_host_between_two_starts_is_not_lost() {
     let mut hosts = Hosts::new(&["first", "second"]);
     // Host 0 is held for a moment, and lives.
     hosts.deadline_s = 180;
-    let children: [Child; 2] = std::array::from_fn(|host| {
-        let mut command = hosts.command(host, "token");
+    let children: [Child; 2] = hosts.start_with(|host| {
         let between = if host == 0 { ",hold=orchestrator.before_recorder_finish@orchestrator" } else { "" };
-        command.env("STILLROOM_FAULT", format!("{HOLD}{between}"));
-        start(command)
+        Some(format!("{HOLD}{between}"))
     });
     let run = hosts.run();
     let second = hosts.workshop.run("second");
@@ -237,11 +235,7 @@ fn several_hosts_change_together_as_one_does() {
         release(run);
     };
     let hosts = Hosts::new(&["shared", "shared"]);
-    let children: [Child; 2] = std::array::from_fn(|host| {
-        let mut command = hosts.command(host, "token");
-        command.env("STILLROOM_FAULT", HOLD);
-        start(command)
-    });
+    let children: [Child; 2] = hosts.start_with(|_| Some(HOLD.to_owned()));
     scaled(&hosts.workshop, &hosts.run(), "shared");
     let [first, second] = children.map(finish);
     assert!(second.success, "{second:#?}");

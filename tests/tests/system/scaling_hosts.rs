@@ -16,11 +16,9 @@ const DEADLINE_S: u64 = 9;
 
 /// All hosts at work, each learner held in its third update. Host 0 is to be held at `point`.
 fn at_work<const N: usize>(hosts: &Hosts, point: &str) -> [Child; N] {
-    let children = std::array::from_fn(|host| {
-        let mut command = hosts.command(host, "token");
+    let children = hosts.start_with(|host| {
         let between = if host == 0 { format!(",hold={point}@orchestrator") } else { String::new() };
-        command.env("STILLROOM_FAULT", format!("{HOLD}{between}"));
-        start(command)
+        Some(format!("{HOLD}{between}"))
     });
     wait_until_learners_are_held(&hosts.run(), N);
     children

@@ -210,35 +210,6 @@ mod tests {
     }
 
     #[test]
-    fn something_stands_in_the_notch_of_a_u() {
-        // 0.3 m wide, walls of 0.05 m, its floor 0.05 m above what it stands on.
-        let outline =
-            [(0.0, 0.0), (0.3, 0.0), (0.3, 0.2), (0.25, 0.2), (0.25, 0.05), (0.05, 0.05), (0.05, 0.2), (0.0, 0.2)];
-        let caps = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [0, 4, 5], [0, 5, 7], [5, 6, 7]];
-        let u = prism(&outline, &caps, 0.2);
-        let rests_at = |part: Part| {
-            let mut world = World::new(1.0 / 60.0);
-            let block = |half: Vec3| Solid::of(&Shape::of(Primitive::Cuboid { half_extents_m: half }));
-            world.add_fixed(&block(Vec3::new(1.0, 0.05, 1.0)), Pose3::translation(0.0, -0.05, 0.0));
-            let u = world.add_movable(
-                &Solid::of(&Shape { parts: vec![part] }),
-                Pose3::translation(0.0, 0.001, 0.0),
-                1.0,
-                0.6,
-            );
-            let cube = world.add_movable(&block(Vec3::splat(0.04)), Pose3::translation(0.15, 0.3, 0.0), 0.3, 0.6);
-            assert!(world.settle(&[u, cube], 600), "it comes to rest");
-            world.body(cube).position().translation
-        };
-        let pieces = Primitive::Concave(Arc::new(concave(closed(&u).unwrap()).unwrap()));
-        let inside = rests_at(Part { primitive: pieces, body_from_part: Pose3::identity() });
-        // Its floor is at 0.05 m, its walls are 0.2 m apart.
-        assert!((inside.y - 0.09).abs() < 0.003 && (inside.x - 0.15).abs() < 0.06, "{inside}");
-        let above = rests_at(convex::hull_of(&u).unwrap());
-        assert!(above.y > 0.23, "{above}");
-    }
-
-    #[test]
     fn the_same_mesh_gives_the_same_pieces_to_the_bit() {
         let pieces = || concave(closed(&l()).unwrap()).unwrap();
         let text = format!("{:?}", pieces());

@@ -78,6 +78,7 @@ fn accessors_that_reach_beyond_their_data() {
     assert!(wrong(|f| f["meshes"][0]["primitives"][0]["indices"] = json!(7)).contains("which is not there"));
     assert!(wrong(|f| f["accessors"][0]["bufferView"] = json!(7)).contains("beyond"));
     assert!(wrong(|f| f["bufferViews"][0]["buffer"] = json!(7)).contains("beyond"));
+    assert!(wrong(|f| f["buffers"][0]["uri"] = json!("a.bin")).contains("a.gltf: its buffer a.bin is missing"));
     assert!(wrong(|f| f["nodes"][0]["mesh"] = json!(7)).contains("a mesh that is not there"));
     assert!(wrong(|f| f["nodes"][0]["children"] = json!([7])).contains("names node 7"));
     assert!(wrong(|f| f["scene"] = json!(7)).contains("no scene"));

@@ -4,10 +4,7 @@ use super::*;
 
 #[test]
 fn an_outcome_that_does_not_follow_from_the_action_is_an_error() {
-    let column_map = ColumnMap::new(0, 1, 1);
-    let mut collector = collector(settings(column_map, 1), Boundary::start(1));
-    let mut actor = FakeActor::new(0, 1);
-    actor.restore = Some(collector.restore(0, 0));
+    let (column_map, mut collector, mut actor) = one();
     let (header, sample) = actor.turn(column_map).unwrap().remove(0);
     collector.receive(&header, sample).unwrap();
     let in_force = reward("r");

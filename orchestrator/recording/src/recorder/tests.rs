@@ -330,6 +330,18 @@ fn a_repair_replaces_no_file_of_the_user() {
     std::os::unix::fs::symlink(&output, folder.path().join("c.partial")).unwrap();
     repair(&path, Some(&folder.path().join("c"))).unwrap();
     assert_eq!(std::fs::read_to_string(&output).unwrap(), "precious");
+    // Nor what has the names under which it writes first.
+    std::fs::remove_file(&cut).unwrap();
+    let partial = ["a.mcap.partial", "a.mcap.partial-2"].map(|name| folder.path().join(name));
+    for existing in &partial {
+        std::fs::write(existing, "precious").unwrap();
+    }
+    repair(&path, None).unwrap();
+    for existing in &partial {
+        assert_eq!(std::fs::read_to_string(existing).unwrap(), "precious");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 7, "nothing is left behind");
+    gather(&[path], Wanted::default()).unwrap();
 }
 
 #[test]

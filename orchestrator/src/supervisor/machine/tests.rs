@@ -417,6 +417,16 @@ proptest! {
     }
 }
 
+/// Three learners that have trained three rollouts and saved the last; all else has been said.
+fn learner_group() -> World {
+    let mut world = World::with(3);
+    while world.trained < 3 {
+        world.step(true);
+    }
+    world.reports.clear();
+    world
+}
+
 fn train(world: &mut World) {
     for _ in 0..200 {
         if world.outcome.is_none() {

@@ -2,18 +2,9 @@
 
 use super::*;
 
-/// Three learners that have trained three rollouts.
-fn three() -> World {
-    let mut world = World::with(3);
-    while world.trained < 3 {
-        world.step(true);
-    }
-    world
-}
-
 #[test]
 fn those_who_are_left_are_ended_at_once_and_nothing_is_started_again() {
-    let mut world = three();
+    let mut world = learner_group();
     world.lose_last_host();
     assert_eq!(world.killed, [0, 1].map(Process::Learner).into(), "they can neither save nor go on");
     assert_eq!(world.told_to_go.len(), 2 + 2, "actors leave by themselves");
@@ -29,7 +20,7 @@ fn those_who_are_left_are_ended_at_once_and_nothing_is_started_again() {
 
 #[test]
 fn a_host_lost_while_learners_that_lost_it_end_is_the_reason_and_not_they() {
-    let mut world = three();
+    let mut world = learner_group();
     world.exit(Process::Learner(0), Exit::Code(EXIT_LOST_PEERS));
     assert!(world.outcome.is_none() && world.spawned[&LEARNER] == 1, "who is the reason is given time to say so");
     world.lose_last_host();
@@ -43,7 +34,7 @@ fn a_host_lost_while_learners_that_lost_it_end_is_the_reason_and_not_they() {
 
 #[test]
 fn a_host_lost_after_all_is_saved_takes_nothing_away() {
-    let mut world = three();
+    let mut world = learner_group();
     world.feed(Event::Stop);
     while !world.supervisor.learner_group.has_finished(0) {
         world.step(true);

@@ -2,16 +2,6 @@
 
 use super::*;
 
-/// Three learners that have trained three rollouts and saved the last; all else has been said.
-fn learner_group() -> World {
-    let mut world = World::with(3);
-    while world.trained < 3 {
-        world.step(true);
-    }
-    world.reports.clear();
-    world
-}
-
 #[test]
 fn whoever_of_the_learners_dies_takes_the_others_along_and_all_go_on_together() {
     for rank in 0..3 {
