@@ -16,8 +16,10 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   orchestrator compare runs/a runs/b
   orchestrator compare runs/a/evaluations/* | less -S
-  orchestrator compare runs/table-1          the runs of a suite
-  orchestrator compare runs/* --json | jq '.configuration[] | {(.name): .values}'")]
+  # the runs of a suite
+  orchestrator compare runs/table-1
+  orchestrator compare runs/* --json \\
+    | jq '.configuration[] | {(.name): .values}'")]
 pub struct CompareArgs {
     /// Folders of runs or evaluations, at least two, or of a suite for all of its runs
     #[arg(value_name = "RUN", required = true)]

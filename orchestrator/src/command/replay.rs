@@ -25,18 +25,25 @@ const NAMES_MOST: usize = 10;
 /// failure; those of more than five steps go first.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator replay runs/a                                        a few films, in runs/a/films
-  orchestrator replay runs/a --only failure --newest 5              of the five newest failures
-  orchestrator replay runs/a --kitchen 26 --newest 1                of the newest episode in kitchen 26
-  orchestrator replay runs/a --environment 3/0 --episode 12,40      of these episodes
-  orchestrator replay EVALUATION --kitchen 26 --episode 6,7         the same, by the numbers of episodes.csv
-  orchestrator replay runs/a --check                                every recorded episode, every state compared
+  # a few films, in runs/a/films
+  orchestrator replay runs/a
+  # of the five newest failures
+  orchestrator replay runs/a --only failure --newest 5
+  # of the newest episode in kitchen 26
+  orchestrator replay runs/a --kitchen 26 --newest 1
+  # of these episodes
+  orchestrator replay runs/a --environment 3/0 --episode 12,40
+  # the same, by the numbers of episodes.csv
+  orchestrator replay EVALUATION --kitchen 26 --episode 6,7
+  # every recorded episode, every state compared
+  orchestrator replay runs/a --check
   orchestrator replay runs/a/recordings/incarnation-001.000.mcap --check
 
-Compared are the state after every step and every channel and reward of it by name, and each episode's end with its
+Compared are the state after every step and every channel and reward of it by name, and each episode's end with its \
 steps. Of a damaged recording everything that can be read is compared.
 
-Exit status: 0 if all agrees and nothing is missing, 1 if anything differs, 6 if the recordings are damaged or not complete.")]
+Exit status: 0 if all agrees and nothing is missing, 1 if anything differs, 6 if the recordings are damaged or not \
+complete.")]
 pub struct ReplayArgs {
     /// Recordings (.mcap), or the folder of a run or an evaluation: all its recordings.
     #[arg(required = true, value_name = "FILE|RUN")]
