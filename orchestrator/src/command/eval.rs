@@ -420,7 +420,7 @@ fn default_folder(subject: &Subject, asked: &EvaluationConfig) -> PathBuf {
     };
     let name = |whose: &str| format!("{time}-{whose}{split}{objects}");
     if let Some(run) = &subject.run {
-        return Path::new(run).join("evaluations").join(name(""));
+        return format::typed(Path::new(run)).join("evaluations").join(name(""));
     }
     // Of a policy file, or of nothing that anybody has trained.
     let stem = asked.checkpoint.as_ref().and_then(|file| Path::new(file).file_stem());

@@ -1,4 +1,5 @@
 use crate::command::choice::{Choice, Chosen, demand_recording, nothing_in};
+use crate::output::format::typed;
 use crate::output::terminal;
 use crate::replay::ffmpeg;
 use crate::replay::newest::{Only, newest};
@@ -131,11 +132,12 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     terminal::out(&format!("episodes: {}", totals.episodes));
     terminal::out(&format!("states compared: {}", totals.compared));
     if let Some(images) = &images {
+        let folder = typed(Path::new(&images.folder));
         if images.format == ImageFormat::Png {
-            terminal::out(&format!("images: {} in {}", totals.images, images.folder));
+            terminal::out(&format!("images: {} in {}", totals.images, folder.display()));
         } else {
-            terminal::out(&format!("films: {} in {}", totals.episodes, images.folder));
-            for name in names_since(Path::new(&images.folder), began) {
+            terminal::out(&format!("films: {} in {}", totals.episodes, folder.display()));
+            for name in names_since(&folder, began) {
                 terminal::out(&name);
             }
         }

@@ -1,9 +1,7 @@
+use crate::comparison::settings::Row;
 use crate::output::format::counted;
 use crate::output::terminal;
-use crate::comparison::settings::Row;
-use crate::report_builder::files::{
-    NUMBERS, PAGE, add_to_table, check_free, read_table, rows, unfinished, write,
-};
+use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, unfinished, write};
 use crate::report_builder::gather::gather;
 use crate::run::identity::no_folder;
 use crate::suite;
@@ -202,11 +200,8 @@ mod tests {
         };
         let mut runs = [run("a/one", 0.1, &[false, true]), run("a/two", 0.2, &[]), run("b/two", 0.3, &[])];
         let eval = "`orchestrator eval a/two` makes an evaluation";
-        let all = [
-            "3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two, b/two",
-            "they differ in ppo.clip",
-            eval,
-        ];
+        let all =
+            ["3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two, b/two", "they differ in ppo.clip", eval];
         assert_eq!(lines(&runs), all);
         assert_eq!(lines(&runs[1..2]), ["1 run in 1 group; groups evaluated: 0; not evaluated: two", eval]);
         assert_eq!(lines(&[run("a", 0.1, &[false])]), [""; 0]);

@@ -43,7 +43,10 @@ mod tests {
         };
         let of = |id: &str| with_folders([id.into()].into_iter(), temporary.path()).remove(0);
         let first = begin("first");
-        assert_eq!([of("1e4cc6a0d333"), of("1e4cc6a0d334"), of("status")], [first, "1e4cc6a0d334".into(), "status".into()]);
+        assert_eq!(
+            [of("1e4cc6a0d333"), of("1e4cc6a0d334"), of("status")],
+            [first, "1e4cc6a0d334".into(), "status".into()]
+        );
         begin("copy");
         assert_eq!(of("1e4cc6a0d333"), "1e4cc6a0d333");
     }

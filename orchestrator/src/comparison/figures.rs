@@ -215,7 +215,8 @@ fn kind_of(evaluation: &Evaluation) -> String {
 /// Has the figures of folders that are one evaluation each stand beside each other, whatever they are of: the
 /// configuration names what differs.
 pub fn side_by_side(evaluations: &mut [Vec<Figure>]) {
-    let kinds: BTreeSet<&str> = evaluations.iter().flatten().map(|figure| &*figure.of).filter(|of| !of.is_empty()).collect();
+    let kinds: BTreeSet<&str> =
+        evaluations.iter().flatten().map(|figure| &*figure.of).filter(|of| !of.is_empty()).collect();
     if kinds.len() > 1 {
         for figure in evaluations.iter_mut().flatten().filter(|figure| figure.part == Part::Evaluation) {
             figure.of = "evaluation".to_owned();

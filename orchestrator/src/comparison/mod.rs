@@ -66,8 +66,7 @@ impl Comparison {
         if configs.iter().all(|config| config.evaluation.is_some()) {
             figures::side_by_side(&mut known);
         }
-        let comparison =
-            Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) };
+        let comparison = Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) };
         Ok(comparison.with_means())
     }
 
@@ -214,7 +213,10 @@ mod tests {
         assert_eq!(with_means.runs[4..], ["runs/a, mean of 3"]);
         let shown: Vec<&str> = with_means.figures.iter().map(|row| row.shown[4].as_str()).collect();
         assert_eq!(shown, ["", "3,500", "30.0%", "0.500", "1 min 30 s", "1,200", ""]);
-        assert_eq!([&with_means.figures[1], &with_means.configuration[1]].map(|row| &row.values[4]), [&json!(3500.0), &Value::Null]);
+        assert_eq!(
+            [&with_means.figures[1], &with_means.configuration[1]].map(|row| &row.values[4]),
+            [&json!(3500.0), &Value::Null]
+        );
         assert_eq!(mean_of(&["runs/one", "runs/other"]), "runs/mean of one, other");
     }
 

@@ -10,7 +10,7 @@ use crate::run::identity::perhaps;
 use crate::wrong::{demand, reject, wrong};
 use anyhow::{Context, Result, anyhow, bail};
 use export::{Policy, PolicyError};
-use proto::config::Config;
+use proto::config::{Config, presets};
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::shell::quoted;
 use proto::task::Image;
@@ -122,6 +122,12 @@ pub fn find(named: &Path) -> Result<Source> {
              the run's folder means its newest checkpoint",
             path.display()
         );
+        if let Some(preset) = presets().iter().find(|preset| named.as_os_str() == &*preset.name) {
+            let preset = &preset.name;
+            reject!(
+                "{preset} is a preset, without weights: `orchestrator eval --preset {preset}` evaluates untrained ones"
+            );
+        }
         reject!("{} does not exist{}", path.display(), perhaps(named));
     }
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
@@ -250,6 +256,7 @@ mod tests {
         let checkpoints = run.join("checkpoints");
         std::fs::create_dir_all(&checkpoints).unwrap();
         assert!(find(&run).unwrap_err().to_string().contains("no checkpoint in"));
+        assert!(find("demo".as_ref()).unwrap_err().to_string().contains("`orchestrator eval --preset demo` evaluates"));
         for rollout in [3, 12] {
             std::fs::write(checkpoints.join(format!("rollout-{rollout:08}.json")), manifest(rollout, 0)).unwrap();
             let tensors = checkpoints.join(format!("rollout-{rollout:08}.safetensors"));

@@ -68,7 +68,12 @@ mod tests {
         let text = "the orchestrator ended: `orchestrator resume RUN`\nExamples:\n  orchestrator up   trains";
         let other = "the orchestrator ended: `stillroom resume RUN`\nExamples:\n  stillroom up   trains";
         assert_eq!(with_other(text), other);
-        for text in ["as `orchestrator\nscale` does", "-- \\\n    orchestrator up", "HOST orchestrator top", "<(orchestrator man)"] {
+        for text in [
+            "as `orchestrator\nscale` does",
+            "-- \\\n    orchestrator up",
+            "HOST orchestrator top",
+            "<(orchestrator man)",
+        ] {
             assert_eq!(with_other(text), text.replace(NAME, OTHER));
         }
     }

@@ -68,7 +68,10 @@ pub fn check(config: &Config, folder: &Path) -> Finding {
         Err(error) if is_not_offered(&error) => Finding::Problem(format!("{}: {NO_LOCKS}", existing.display())),
         Err(error) if error.kind() == ErrorKind::NotFound => {
             let place = existing.display();
-            Finding::Problem(format!("{} cannot be made: {place} holds no files. Choose another folder", folder.display()))
+            Finding::Problem(format!(
+                "{} cannot be made: {place} holds no files. Choose another folder",
+                folder.display()
+            ))
         }
         Err(error) => Finding::Problem(format!(
             "{} cannot be made: {} cannot be written to ({error}). Choose another folder",
