@@ -127,8 +127,8 @@ pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BudgetError {
     #[error(
-        "the run has {} frames already, and a budget cannot take them back: give more than --frames {total}",
-        grouped(*trained)
+        "the run has {} frames already, and a budget of {} cannot take them back: give more",
+        grouped(*trained), grouped(*total)
     )]
     Trained { total: u64, trained: u64 },
     #[error(

@@ -73,7 +73,7 @@ fn after_help() -> String {
     format!(
         "The file, TOML:\n{}\n
 Examples:
-  # into runs/two-seeds; built in are {}
+  # built in: {}
   orchestrator suite two-seeds
   # into runs/table-1
   orchestrator suite table-1.toml

@@ -1,3 +1,4 @@
+mod episodes;
 mod figures;
 pub mod settings;
 
@@ -6,6 +7,7 @@ use crate::output::table::{aligned, blocks, cell, is_wider};
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use anyhow::{Result, ensure};
+use episodes::SameEpisodes;
 use figures::Figure;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
@@ -29,6 +31,9 @@ pub struct Comparison {
     pub runs: Vec<String>,
     pub configuration: Vec<Row>,
     pub figures: Vec<Row>,
+    /// Of two evaluations that played the same ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub same_episodes: Option<SameEpisodes>,
 }
 
 impl Comparison {
@@ -63,15 +68,25 @@ impl Comparison {
             let error = format!("{error:#}");
             terminal::note(&format!("{} is left out: {}", path.display(), error.lines().next().unwrap_or_default()));
         }
+        let mut same_episodes = None;
         if configs.iter().all(|config| config.evaluation.is_some()) {
             figures::side_by_side(&mut known);
+            if let ([one, other], [first, second]) = (&runs[..], &configs[..]) {
+                let folders = [one, other].map(RunFolder::new);
+                same_episodes = SameEpisodes::of(folders.each_ref(), [first, second]);
+            }
         }
-        let comparison = Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) };
+        let configuration = settings::differences(&configs);
+        let comparison = Self { runs, configuration, figures: figures::rows(&known), same_episodes };
         Ok(comparison.with_means())
     }
 
     pub fn lines(&self) -> Vec<String> {
-        self.within(terminal::width())
+        let mut lines = self.within(terminal::width());
+        if let (Some(same), [one, other]) = (self.same_episodes, &shortened(&self.runs)[..]) {
+            lines.push(same.line([one, other]));
+        }
+        lines
     }
 
     /// With a column more for each experiment of several seeds: the means of its figures.
@@ -209,7 +224,7 @@ mod tests {
             with("frames/s, mean", of([1200.0, 1300.0, 1.0, 1100.0]), [""; 4], Format::Rate),
             with("II: SR", [json!(0.1), Value::Null, json!(0.2), json!(0.3)], [""; 4], share()),
         ];
-        let with_means = Comparison { runs, configuration, figures }.with_means();
+        let with_means = Comparison { runs, configuration, figures, same_episodes: None }.with_means();
         assert_eq!(with_means.runs[4..], ["runs/a, mean of 3"]);
         let shown: Vec<&str> = with_means.figures.iter().map(|row| row.shown[4].as_str()).collect();
         assert_eq!(shown, ["", "3,500", "30.0%", "0.500", "1 min 30 s", "1,200", ""]);
@@ -236,7 +251,8 @@ mod tests {
             row("stage I: SPL", ["0.10", "0.20", ""]),
             row("stage I: path", ["", NOTHING, ""]),
         ];
-        let comparison = Comparison { runs, configuration: vec![row("seed", ["1", "a\nb", "3"])], figures };
+        let comparison =
+            Comparison { runs, configuration: vec![row("seed", ["1", "a\nb", "3"])], figures, same_episodes: None };
         let whole = [
             "         runs/one  runs/two  three",
             "configuration",

@@ -31,9 +31,17 @@ pub fn as_called(text: &str) -> Cow<'_, str> {
 fn with_other(text: &str) -> String {
     let mut text = text.to_owned();
     // Help is wrapped, also between a command's words.
-    for (before, after) in
-        [("`", " "), ("`", "\n"), ("\n  ", " "), ("\n    ", " "), ("HOST ", " "), ("<(", " "), ("completions/", "\n")]
-    {
+    for (before, after) in [
+        ("`", " "),
+        ("`", "\n"),
+        ("\n  ", " "),
+        ("\n    ", " "),
+        ("HOST ", " "),
+        ("<(", " "),
+        ("completions/", "\n"),
+        ("zfunc/_", "\n"),
+        ("/", ".fish"),
+    ] {
         text = text.replace(&format!("{before}{NAME}{after}"), &format!("{before}{OTHER}{after}"));
     }
     text
