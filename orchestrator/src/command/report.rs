@@ -200,14 +200,21 @@ mod tests {
         };
         let mut runs = [run("a/one", 0.1, &[false, true]), run("a/two", 0.2, &[]), run("b/two", 0.3, &[])];
         let eval = "`orchestrator eval a/two` makes an evaluation";
-        let all =
-            ["3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two, b/two", "they differ in ppo.clip", eval];
+        let all = [
+            "3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two (not started at 0 of 420,000 frames), b/two (not \
+             started at 0 of 420,000 frames)",
+            "they differ in ppo.clip",
+            eval,
+        ];
         assert_eq!(lines(&runs), all);
-        assert_eq!(lines(&runs[1..2]), ["1 run in 1 group; groups evaluated: 0; not evaluated: two", eval]);
+        assert_eq!(
+            lines(&runs[1..2]),
+            ["1 run in 1 group; groups evaluated: 0; not evaluated: two (not started at 0 of 420,000 frames)", eval]
+        );
         assert_eq!(lines(&[run("a", 0.1, &[false])]), [""; 0]);
         assert_eq!(lines(&runs[..2])[1], "one and two differ in ppo.clip");
         runs[1].origin = Origin::Run(RunState::CutOff);
-        assert!(lines(&runs[..2])[0].ends_with("two (cut off at 0 of 240,000 frames)"), "{:?}", lines(&runs[..2]));
+        assert!(lines(&runs[..2])[0].ends_with("two (cut off at 0 of 420,000 frames)"), "{:?}", lines(&runs[..2]));
     }
 
     #[test]

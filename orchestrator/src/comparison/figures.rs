@@ -292,7 +292,7 @@ mod tests {
         assert_eq!(names(&[two.clone(), one.clone()]), seeds_first);
         assert_eq!(names(&[one, two])[4..], ["kitchens: SR", "seeds: score"]);
         let alone = [kitchens, (Part::Evaluation, "seeds: SR")].map(|one| run(&[one]));
-        assert_eq!(names(&alone), ["kitchens: SR", "seeds: SR"]);
+        assert_eq!(names(&alone), ["seeds: SR", "kitchens: SR"]);
         let mut evaluations = alone;
         side_by_side(&mut evaluations);
         assert_eq!(rows(&evaluations)[0].shown, ["1", "1"]);

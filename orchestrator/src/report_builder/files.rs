@@ -295,8 +295,8 @@ mod tests {
         assert_eq!(over(&[5, 3]), "bootstrap over 3 or 5 seeds");
         let mut begun = report.groups[0].runs.clone();
         begun[0].state = Origin::Run(RunState::CutOff);
-        assert_eq!(unfinished(begun[..1].iter()), " (cut off at 0 of 240,000 frames)");
-        assert_eq!(unfinished(begun.iter()), " (1 of them not complete: cut off at 0 of 240,000 frames)");
+        assert_eq!(unfinished(begun[..1].iter()), " (cut off at 0 of 420,000 frames)");
+        assert_eq!(unfinished(begun.iter()), " (1 of them not complete: cut off at 0 of 420,000 frames)");
         assert_eq!(unfinished(begun[1..].iter()), "");
         assert!(rows[0].iter().any(|cell| cell.starts_with("disturbance 0.000 m")), "{rows:?}");
         assert!(said.contains(&"demo* is the preset demo with ppo.clip = 0.3".to_owned()), "{said:?}");
