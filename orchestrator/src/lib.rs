@@ -96,9 +96,10 @@ const GROUPS: [(&str, &str); 6] = [
 ];
 
 pub fn main(version: &'static str) -> ExitCode {
-    let matches = command_line().display_name(output::name::called()).version(version).try_get_matches();
+    let typed = command::run_ids::with_folders(std::env::args_os(), command::list::RUNS.as_ref());
+    let matches = command_line().display_name(output::name::called()).version(version).try_get_matches_from(&typed);
     let line = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
-    let words: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
+    let words: Vec<String> = typed.iter().map(|word| word.to_string_lossy().into_owned()).collect();
     let line = line.unwrap_or_else(|error| {
         let error = command::tips::with_tip(error, &command_line(), &words);
         output::name::exit(&error)
@@ -197,6 +198,21 @@ mod tests {
         let first = "Before a run:\n  doctor       Check";
         assert!(help.contains(first) && help.contains("\n\nOptions:\n  -v, --verbose"), "{help}");
         assert!(help.contains("Exit status: 0 when all went well"), "{help}");
+    }
+
+    /// Clap would break longer examples, and would break again what was broken by hand.
+    #[test]
+    fn no_line_of_an_example_is_wrapped_and_no_text_is_wrapped_by_hand() {
+        for command in command_line().get_subcommands() {
+            let text = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let lines: Vec<&str> = text.lines().collect();
+            let is_text = |line: &str| !line.is_empty() && !line.starts_with(' ') && !line.ends_with(':');
+            let whole = lines.array_windows().all(|[line, next]| !(is_text(line) && is_text(next)));
+            assert!(whole, "{}: {text}", command.get_name());
+            // A program in Python cannot be broken.
+            let is_long = |line: &&&str| line.starts_with("  ") && line.len() > 80 && !line.starts_with("  python3 -c");
+            assert_eq!(lines.iter().filter(is_long).collect::<Vec<_>>(), [""; 0].iter().collect::<Vec<_>>());
+        }
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub mod event;
 pub mod exit;
 pub mod fault;
 pub mod figures;
+pub mod grouped;
 pub mod hosts;
 pub mod kitchen;
 pub mod kitchen_schedule;

@@ -4,6 +4,7 @@
 //! learner checks the announcement with them.
 
 use crate::config::StageConfig;
+use crate::grouped::grouped;
 use std::ops::Range;
 
 /// Position of a run in its stages, from the frames trained on so far.
@@ -126,15 +127,19 @@ pub fn rebudget(stages: &[StageConfig], trained: u64, total: u64) -> Result<Vec<
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum BudgetError {
     #[error(
-        "--frames {total}: the run has trained {trained} frames already, and a budget cannot take them back: give more"
+        "the run has {} frames already, and a budget of {} cannot take them back: give more",
+        grouped(*trained), grouped(*total)
     )]
     Trained { total: u64, trained: u64 },
     #[error(
-        "--frames {total}: stage {stage} would have ended at {end} frames, and the run has trained {trained}, all in \
-         stages up to this one; ask for {least} or more"
+        "with {} frames stage {stage} would end at {}; the run has {} already: give {} or more",
+        grouped(*total), grouped(*end), grouped(*trained), grouped(*least)
     )]
     StageTrained { total: u64, stage: String, end: u64, trained: u64, least: u64 },
-    #[error("--frames {total} leaves {left} frames, too few for the {stages} stages that have not ended: ask for more")]
+    #[error(
+        "--frames {total} leaves {} frames, too few for the {stages} stages that have not ended: ask for more",
+        grouped(*left)
+    )]
     TooFew { total: u64, left: u64, stages: usize },
 }
 
@@ -156,6 +161,13 @@ mod tests {
             StageConfig { name: "I".into(), reward: "r".into(), frames: first },
             StageConfig { name: "II".into(), reward: "r_prime".into(), frames: second },
         ]
+    }
+
+    #[test]
+    fn a_budget_that_is_too_small_says_which_is_enough() {
+        let problem = rebudget(&two(16_000, 24_000), 15_808, 20_000).unwrap_err().to_string();
+        let expected = "with 20,000 frames stage I would end at 8,000; the run has 15,808 already: give 39,520 or more";
+        assert_eq!(problem, expected);
     }
 
     proptest! {
@@ -259,15 +271,12 @@ mod tests {
         assert_eq!(frames(900, 1800), Ok((400, 1400)), "a complete run goes on in its last stage");
         assert_eq!(frames(700, 700), Ok((400, 300)), "it can end where it is");
         let passed = frames(300, 600).unwrap_err();
-        assert!(
-            passed.contains("stage I would have ended at 266 frames") && passed.contains("675 or more"),
-            "{passed}"
-        );
+        assert!(passed.contains("stage I would end at 266;") && passed.contains("675 or more"), "{passed}");
         assert_eq!(frames(300, 675), Ok((300, 375)));
         let none = frames(400, 400).unwrap_err();
         assert!(none.contains("--frames 400 leaves 0 frames, too few for the 1 stages"), "{none}");
         let back = frames(700, 699).unwrap_err();
-        assert!(back.contains("--frames 699") && back.contains("trained 700 frames already"), "{back}");
+        assert!(back.contains("has 700 frames already") && back.contains("a budget of 699"), "{back}");
     }
 
     #[test]

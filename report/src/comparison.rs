@@ -105,7 +105,11 @@ fn plain(cell: &str) -> String {
 fn row_of(what: Vec<String>, preset: String, paper: Published, entries: &[GroupResults<'_>], field: Field) -> Row {
     let here = entries.iter().filter(|entry| rows_beside(entry.group).contains(preset.as_str()));
     let ours = here
-        .flat_map(|entry| [field, field.of_best()].map(|field| (entry.group, entry.in_field(field))))
+        .flat_map(|entry| {
+            // Of a group that was evaluated in one way only, that one.
+            let either = |field: Field| entry.in_field(field).or_else(|| entry.in_field(field.of_most_probable()));
+            [field, field.of_best()].map(|field| (entry.group, either(field)))
+        })
         .filter_map(|(group, result)| Some(Ours::of(group, &preset, result?)))
         .collect();
     Row { what, preset, paper, ours }

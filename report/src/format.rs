@@ -1,18 +1,8 @@
+pub use proto::grouped::grouped as count;
+
 use crate::statistics::Interval;
 
 pub const NOTHING: &str = "–";
-
-pub fn count(value: u64) -> String {
-    let digits = value.to_string();
-    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
-}
 
 /// A count of things named in the singular: `1 run`, `1,234 runs`, `2 processes`.
 pub fn counted(value: u64, thing: &str) -> String {

@@ -111,7 +111,15 @@ impl Kept {
             let _ = writeln!(text, "All of ours: {}.\n", shared.join("; "));
         }
         for table in comparisons(&[]).into_iter().filter(|table| is_main(&table.field)) {
-            let best = format!("{}-best", table.field);
+            let which = |kept: &KeptRow| {
+                Some(match kept.field.strip_prefix(&table.field)? {
+                    "" => "ours, last checkpoint",
+                    "-best" => "ours, best checkpoint",
+                    "-deterministic" => "ours, last checkpoint, deterministic",
+                    "-deterministic-best" => "ours, best checkpoint, deterministic",
+                    _ => return None,
+                })
+            };
             let _ = write!(
                 text,
                 "**{}**\n\n| | seeds | SR: mean | IQM | IQM of seeds | SRwoD: mean | IQM | IQM of seeds |\n\
@@ -126,9 +134,8 @@ impl Kept {
                     mean(paper.success_without_disturbance, paper.success_without_disturbance_iqm),
                 ];
                 let _ = writeln!(text, "| {}, paper | 5 | {success} | {undisturbed} |", row.preset);
-                let ours = |kept: &&KeptRow| kept.preset == row.preset && [&table.field, &best].contains(&&kept.field);
-                for kept in self.rows.iter().filter(ours) {
-                    let which = if kept.field == best { "ours, best checkpoint" } else { "ours, last checkpoint" };
+                for kept in self.rows.iter().filter(|kept| kept.preset == row.preset) {
+                    let Some(which) = which(kept) else { continue };
                     let own = kept.differences.iter().map(String::as_str).filter(|one| !shared.contains(one));
                     let which = [which].into_iter().chain(own).collect::<Vec<_>>().join(", ");
                     text.push_str(&kept.line(&which)?);

@@ -130,7 +130,8 @@ fn episodes_of(groups: &[Group<'_>]) -> Vec<String> {
     let sentence = |((drawn, played), labels): ((bool, String), BTreeSet<&str>)| {
         let labels = labels.into_iter().collect::<Vec<_>>().join(", ");
         let apart = if drawn { " Not the paper's episodes: its tables leave these figures out." } else { "" };
-        format!("Figures of {played}: {labels}.{apart}")
+        // Of what was played a part may follow a colon of its own.
+        format!("{labels}: figures of {}.{apart}", played.replacen(": ", ", ", 1))
     };
     found.into_iter().map(sentence).collect()
 }
@@ -145,7 +146,7 @@ fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec
                     notes
                         .push(format!("{label}: not evaluated on {field}, and therefore not in its means: {without}."));
                 }
-                note_older(group, field, notes);
+                note_left_out(group, field, &result, notes);
                 note_conditions(group, field, &result, notes);
                 results.push((field, result));
             }
@@ -158,18 +159,27 @@ fn results(group: &Group<'_>, options: &Options, notes: &mut Vec<String>) -> Vec
     results
 }
 
-fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
-    let named = |run: &Run, older: &Evaluated| {
-        format!("{} of {}, after {} frames", older.name, run.name, count(older.result.subject.frames))
+/// What no figure is of: evaluations of older checkpoints, and others of the same.
+fn note_left_out(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
+    let counts = |run: &Run, one: &Evaluated| {
+        result.seeds.iter().any(|seed| (&seed.run, &seed.evaluation) == (&run.name, &one.name))
     };
-    let older = group.runs.iter().flat_map(|run| run.older_in(field).map(|older| named(run, older)));
-    let older: Vec<String> = older.collect();
-    if !older.is_empty() {
+    let named = |run: &Run, one: &Evaluated| {
+        let episodes = counted(one.episodes_in(field).count() as u64, "episode");
+        format!("{} of {}, after {} frames, {episodes}", one.name, run.name, count(one.result.subject.frames))
+    };
+    let of = |run: &&Run| -> Vec<String> {
+        let others = run.evaluations_in(field).filter(|one| !counts(run, one));
+        others.map(|one| named(run, one)).collect()
+    };
+    let others: Vec<String> = group.runs.iter().flat_map(of).collect();
+    if !others.is_empty() {
         notes.push(format!(
-            "{}: on {}, a run stands as its newest checkpoint that was evaluated; older ones are left out: {}.",
+            "{}: on {}, a run stands as one evaluation of its newest checkpoint that was evaluated: of the episodes that \
+             all seeds have, else of the most, else the newest. Left out: {}.",
             group.label,
             field.name(),
-            older.join("; ")
+            others.join("; ")
         ));
     }
 }
@@ -177,11 +187,6 @@ fn note_older(group: &Group<'_>, field: Field, notes: &mut Vec<String>) {
 fn note_conditions(group: &Group<'_>, field: Field, result: &FieldResult, notes: &mut Vec<String>) {
     let is_papers = field.source == Source::Fixed && field.objects != ObjectSet::NoTargets;
     let (label, field) = (&group.label, field.name());
-    if result.seeds.iter().any(|seed| seed.deterministic) {
-        notes.push(format!(
-            "{label}: on {field}, seeds were evaluated with the most probable action, not sampled ones."
-        ));
-    }
     let frames: BTreeSet<u64> = result.seeds.iter().map(|seed| seed.frames).collect();
     if frames.len() > 1 {
         notes.push(format!("{label}: on {field}, seeds were evaluated after different numbers of frames."));

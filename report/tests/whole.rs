@@ -122,6 +122,36 @@ fn a_row_has_the_newest_checkpoint_and_the_best() {
     assert!(row.ours.iter().all(|ours| ours.differences.is_empty()), "{:?}", row.ours[0].differences);
 }
 
+/// The second of them was in no line.
+#[test]
+fn evaluations_that_sample_and_that_do_not_are_two_results() {
+    let mut one = run("disturb-two-stage", 1, (0.8, 0.5));
+    one.evaluations.truncate(1);
+    one.evaluations.push(one.evaluations[0].clone());
+    one.evaluations[1].result.conditions.deterministic = true;
+    one.evaluations[1].name = "most-probable".to_owned();
+    for _ in 0..2 {
+        let report = made(std::slice::from_ref(&one));
+        let results = report.groups[0].results.iter().map(|result| (&*result.name, &*result.seeds[0].evaluation));
+        let both = ["test, novel objects", "test, novel objects, deterministic"];
+        assert!(results.eq(both.into_iter().zip(["20261121-test-novel", "most-probable"])));
+        assert!(report.notes.iter().all(|note| !note.contains("Left out")), "{:?}", report.notes);
+        one.evaluations.reverse();
+    }
+    // The paper's row has the one that is alone.
+    one.evaluations.retain(|one| one.result.conditions.deterministic);
+    let report = made(&[one.clone()]);
+    let row = report.comparisons[0].rows.iter().find(|row| row.preset == "disturb-two-stage").expect("a row");
+    assert_eq!(row.ours[0].field, "test-novel-deterministic");
+    let mut kept = Kept::default();
+    kept.add(&report.comparisons).expect("rows that fit");
+    assert!(kept.markdown().expect("a matrix").contains("| ours, last checkpoint, deterministic | 1 |"));
+    // Another of the same weights in the same way.
+    one.evaluations.push(one.evaluations[0].clone());
+    one.evaluations[1].name = "again".to_owned();
+    assert!(made(&[one]).notes.iter().any(|note| note.contains("Left out: most-probable of ")));
+}
+
 /// A run whose evaluations are of drawn episodes within its distances.
 fn drawn(mut run: Run) -> Run {
     for evaluated in &mut run.evaluations {
@@ -143,9 +173,9 @@ fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
     let fixed = made(&[run("disturb-two-stage", 1, (0.8, 0.5)), near.clone()]);
     assert!(ours(&fixed) > 0);
     assert_eq!(fixed.episodes.len(), 4, "{:#?}", fixed.episodes);
-    assert_eq!(fixed.episodes[0], "Figures of fixed episodes at full distance: disturb-two-stage-1.");
+    assert_eq!(fixed.episodes[0], "disturb-two-stage-1: figures of fixed episodes at full distance.");
     let sentence = &fixed.episodes[2];
-    assert!(sentence.contains("starts within 0.7 m,") && sentence.contains(": demo-1. Not the paper's"), "{sentence}");
+    assert!(sentence.contains("starts within 0.7 m,") && sentence.starts_with("demo-1: figures of"), "{sentence}");
     let fields = |index: usize| -> Vec<&str> {
         fixed.groups[index].results.iter().map(|result| result.field.as_str()).collect()
     };
@@ -155,7 +185,7 @@ fn drawn_episodes_are_named_on_top_and_stand_in_no_row_of_the_paper() {
     // A row's own method, and yet not on the paper's episodes: beside it, and in figures, stands nothing.
     let drawn = made(&[drawn(run("disturb-two-stage", 1, (0.8, 0.5)))]);
     assert_eq!(ours(&drawn), 0);
-    assert!(drawn.episodes[0].starts_with("Figures of drawn episodes at full distance: disturb-two-stage-1."));
+    assert!(drawn.episodes[0].starts_with("disturb-two-stage-1: figures of drawn episodes at full distance."));
     assert!(!drawn.notes.iter().any(|note| note.contains("instead of the paper's 1800")));
 
     // In scenes of one's own.

@@ -10,19 +10,22 @@ use std::path::PathBuf;
 ///
 /// Settings that are the same in all are left out. Figures of a stage are of its last tenth, those of a stage that has
 /// not got there of all of it. Of evaluations under the same conditions the newest counts. Runs that differ in the seed
-/// alone have a column more, with the means of their figures. It says nothing about whether a difference is one:
+/// alone have a column more, with the means of their figures; folders of one evaluation each stand side by side. It says nothing about whether a difference is one:
 /// `orchestrator report` has intervals over seeds.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator compare runs/a runs/b
   orchestrator compare runs/a/evaluations/* | less -S
-  orchestrator compare runs/table-1          the runs of a suite
-  orchestrator compare runs/* --json | jq '.configuration[] | {(.name): .values}'")]
+  # the runs of a suite
+  orchestrator compare runs/table-1
+  orchestrator compare runs/* --json \\
+    | jq '.configuration[] | {(.name): .values}'")]
 pub struct CompareArgs {
     /// Folders of runs or evaluations, at least two, or of a suite for all of its runs
     #[arg(value_name = "RUN", required = true)]
     runs: Vec<PathBuf>,
-    /// Print one JSON object: `runs`, and `configuration` and `figures` as arrays of objects with `name` and `values`
+    /// Print one JSON object: `runs`, and `configuration` and `figures` as arrays of objects with `name` and `values`; means of
+    /// seeds are further values
     #[arg(long)]
     json: bool,
 }

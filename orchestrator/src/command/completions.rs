@@ -7,9 +7,12 @@ use clap_complete::Shell;
 /// `make install` puts those of bash, zsh and fish where these shells look for them.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  source <(orchestrator completions bash)          for this shell
-  orchestrator completions bash > ~/.local/share/bash-completion/completions/orchestrator
-  orchestrator completions zsh > ~/.zfunc/_orchestrator        a folder of fpath, before compinit
+  # for this shell
+  source <(orchestrator completions bash)
+  orchestrator completions bash \\
+    > ~/.local/share/bash-completion/completions/orchestrator
+  # a folder of fpath, before compinit
+  orchestrator completions zsh > ~/.zfunc/_orchestrator
   orchestrator completions fish > ~/.config/fish/completions/orchestrator.fish")]
 pub struct CompletionsArgs {
     /// The shell

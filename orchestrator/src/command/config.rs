@@ -15,9 +15,10 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator config paper
-  orchestrator config demo --config mine.toml --frames 20000 --out effective.toml
+  orchestrator config demo --config mine.toml --frames 20000 --out all.toml
   orchestrator config demo --set ppo.epochs=2 --json | jq .ppo
-  orchestrator config --of runs/a --out runs/a/config.toml       that file is gone, or nobody understands it any more")]
+  # that file is gone, or nobody understands it any more
+  orchestrator config --of runs/a --out runs/a/config.toml")]
 pub struct ConfigArgs {
     /// Preset [default: the one that `up` would take]
     #[arg(value_name = "PRESET")]

@@ -24,7 +24,8 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:
   orchestrator doctor
   orchestrator doctor --preset recipe --actors 38 --run /data/runs/a
-  orchestrator doctor --json | jq -r '.checks[] | select(.status != \"ok\") | .text'")]
+  orchestrator doctor --json \\
+    | jq -r '.checks[] | select(.status != \"ok\") | .text'")]
 pub struct DoctorArgs {
     /// Preset to check for [default: the one that `up` would take]
     #[arg(long, value_name = "P")]

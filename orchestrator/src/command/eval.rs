@@ -39,15 +39,23 @@ const ENVIRONMENTS_MAX: u32 = 32;
 /// that a fresh run begins with: a nearly uniform policy, the baseline of a random one. Exit status 1 without a result.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator eval runs/a --split test --objects novel     the paper's main table: 5 kitchens, 360 episodes each
-  orchestrator eval runs/a/best --split validation --objects all --episodes 60 --deterministic
-  orchestrator eval runs/a/checkpoints/rollout-00000120.json --out evaluations/a-120
-  orchestrator eval models/fetch.safetensors --split test   a policy file, which `orchestrator export` writes
-  orchestrator eval runs/demo --distribution fixed          the paper's kind of episodes, whatever the run trained on
+  # the paper's main table: 5 kitchens, 360 episodes each
+  orchestrator eval runs/a --split test --objects novel
+  orchestrator eval runs/a/best --split validation --objects all --episodes 60 \\
+    --deterministic
+  orchestrator eval runs/a/checkpoints/rollout-00000120.json \\
+    --out evaluations/a-120
+  # a policy file, which `orchestrator export` writes
+  orchestrator eval models/fetch.safetensors --split test
+  # the paper's kind of episodes, whatever the run trained on
+  orchestrator eval runs/demo --distribution fixed
   orchestrator eval runs/a --split train --episodes 6 --json
-  orchestrator eval runs/a --kitchens 5000..5100 --episodes 6     in a hundred kitchens never seen
-  orchestrator eval runs/cart-pole --episodes 100        an environment of your own: seeds 0 to 99
-  orchestrator eval --preset recipe --split test         a random policy")]
+  # in a hundred kitchens never seen
+  orchestrator eval runs/a --kitchens 5000..5100 --episodes 6
+  # an environment of your own: seeds 0 to 99
+  orchestrator eval runs/cart-pole --episodes 100
+  # a random policy
+  orchestrator eval --preset recipe --split test")]
 pub struct EvalArgs {
     /// Run folder (its newest checkpoint), RUN/best, a checkpoint's manifest, or a policy file (.safetensors)
     #[arg(value_name = "RUN|CHECKPOINT|FILE", required_unless_present = "preset")]
@@ -412,7 +420,7 @@ fn default_folder(subject: &Subject, asked: &EvaluationConfig) -> PathBuf {
     };
     let name = |whose: &str| format!("{time}-{whose}{split}{objects}");
     if let Some(run) = &subject.run {
-        return Path::new(run).join("evaluations").join(name(""));
+        return format::typed(Path::new(run)).join("evaluations").join(name(""));
     }
     // Of a policy file, or of nothing that anybody has trained.
     let stem = asked.checkpoint.as_ref().and_then(|file| Path::new(file).file_stem());

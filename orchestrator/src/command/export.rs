@@ -24,13 +24,18 @@ use std::process::ExitCode;
 #[allow(clippy::doc_markdown)]
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator export runs/a --out policy.onnx               its newest checkpoint; policy.md says how to use it
-  orchestrator export runs/a/best --half --out policy.safetensors                            a policy file to hand on
+  # its newest checkpoint; policy.md says how to use it
+  orchestrator export runs/a --out policy.onnx
+  # a policy file to hand on
+  orchestrator export runs/a/best --half --out policy.safetensors
   orchestrator export runs/a/checkpoints/rollout-00000120.json --out policy.onnx
-  orchestrator export EVALUATION --format npz --only success --kitchen 26 --out arrays
-  orchestrator export runs/a/recordings/incarnation-001.000.mcap --format npz --pictures robot,outside --limit 10 --out arrays
+  orchestrator export EVALUATION --format npz --only success --kitchen 26 \\
+    --out arrays
+  orchestrator export runs/a/recordings/incarnation-001.000.mcap \\
+    --format npz --pictures robot,outside --limit 10 --out arrays
 
-Exit status: 0 if all is written, 1 if nothing is, 6 if episodes are written but the recordings are damaged or not complete.")]
+Exit status: 0 if all is written, 1 if nothing is, 6 if episodes are written but the recordings are damaged or not \
+complete.")]
 pub struct ExportArgs {
     /// A policy: run folder (its newest checkpoint), RUN/best, a checkpoint's manifest, or a policy file. Episodes:
     /// recordings (.mcap), or folders of runs or evaluations

@@ -35,8 +35,10 @@ const DEFAULT_PRESET: &str = "paper";
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   python3 -c \"import torch, safetensors.torch as s; w = torch.load('exp.pt', map_location='cpu'); \
-s.save_file({k: v.clone().contiguous() for k, v in w.get('model_state_dict', w.get('state_dict', w)).items()}, 'exp.safetensors')\"
-  orchestrator import exp.safetensors --preset disturb-stage2-25m --run runs/theirs
+s.save_file({k: v.clone().contiguous() for k, v in w.get('model_state_dict', w.get('state_dict', w)).items()}, \
+'exp.safetensors')\"
+  orchestrator import exp.safetensors --preset disturb-stage2-25m \\
+    --run runs/theirs
   orchestrator resume runs/theirs
 
 Weights of another run of ours need no import: `orchestrator up --from RUN`.")]

@@ -15,12 +15,17 @@ use std::process::{Command, ExitCode, Stdio};
 /// (GLB) for Blender, three.js and other viewers.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator kitchens                            all 29 into kitchens.png
+  # all 29 into kitchens.png
+  orchestrator kitchens
   orchestrator kitchens --kitchens 1,2,5 --width 1600 --out some.png
-  orchestrator kitchens --procedural 1000..1040    forty of the kitchens without end into kitchens.png
-  orchestrator kitchens --gltf 7                   kitchen 7 into kitchen-7.glb, or a procedural one: --gltf 1007
-  orchestrator kitchens --scene scenes/studio/scene.toml          a scene of your own into scene.png
-  orchestrator kitchens --scene scenes/studio/scene.toml --gltf   as it came to rest, into scene-settled.glb")]
+  # forty of the kitchens without end into kitchens.png
+  orchestrator kitchens --procedural 1000..1040
+  # kitchen 7 into kitchen-7.glb, or a procedural one: --gltf 1007
+  orchestrator kitchens --gltf 7
+  # a scene of your own into scene.png
+  orchestrator kitchens --scene scenes/studio/scene.toml
+  # as it came to rest, into scene-settled.glb
+  orchestrator kitchens --scene scenes/studio/scene.toml --gltf")]
 pub struct KitchensArgs {
     /// Which kitchens are on the sheet: `all` 29, or numbers.
     #[arg(long, default_value = "all", value_name = "all|1,2,5-9", value_parser = several, conflicts_with = "gltf")]

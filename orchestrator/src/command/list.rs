@@ -18,7 +18,8 @@ pub const EVALUATIONS: &str = "evaluations";
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator list
-  orchestrator list /data/runs --json | jq -r '.[] | select(.state == \"running\") | .folder'")]
+  orchestrator list /data/runs --json \\
+    | jq -r '.[] | select(.state == \"running\") | .folder'")]
 pub struct ListArgs {
     /// Folders that hold runs, or runs [default: runs and evaluations]
     #[arg(value_name = "DIR")]
@@ -83,7 +84,7 @@ pub fn note(cards: &[Card]) {
     let has_figures = |evaluation| cards.iter().any(|card| card.evaluation == evaluation && !card.figures.is_empty());
     if has_figures(false) && has_figures(true) {
         terminal::note(
-            "figures of a run are of training, newest tenth of its stage; of an evaluation, of its episodes",
+            "figures: of runs those of training, newest tenth of the newest stage; of evaluations those of all episodes",
         );
     }
 }

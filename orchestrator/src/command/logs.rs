@@ -3,7 +3,8 @@ use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder};
 use crate::suite;
 use crate::viewer::logbook::{Entry, Logbook, logs_of};
-use anyhow::{Context, Result, bail, ensure};
+use crate::wrong::reject;
+use anyhow::{Context, Result, ensure};
 use proto::run_folder::RunFolder;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,9 +15,12 @@ use std::time::Duration;
 /// its end.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator logs runs/a                         all of it
-  orchestrator logs runs/a -f -n 20                the last 20 lines, then what comes, until the run has ended
-  orchestrator logs runs/a --process learner       all learners
+  # all of it
+  orchestrator logs runs/a
+  # the last 20 lines, then what comes, until the run has ended
+  orchestrator logs runs/a -f -n 20
+  # all learners
+  orchestrator logs runs/a --process learner
   orchestrator logs runs/a --process orchestrator --process actor-03")]
 pub struct LogsArgs {
     /// Run folder, or that of an evaluation
@@ -46,7 +50,7 @@ pub fn run(args: &LogsArgs) -> Result<()> {
     if !(unknown.is_empty() || args.follow && running()?) {
         let known: Vec<String> = logs_of(&folder)?.into_iter().map(|log| log.name).collect();
         ensure!(!known.is_empty(), "{} holds no log yet: it was never started", folder.root().display());
-        bail!(
+        reject!(
             "{} holds no log of {}: there are those of {}",
             folder.root().display(),
             unknown.join(", "),

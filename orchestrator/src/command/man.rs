@@ -11,9 +11,12 @@ use std::path::{Path, PathBuf};
 /// `make install` puts all of them where `man` looks: then `man orchestrator-up` shows that of `orchestrator up`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator man up                              that of a command
-  orchestrator man up > up.1                       its source
-  orchestrator man man1/                           writes orchestrator.1, orchestrator-up.1, ... into the folder man1")]
+  # that of a command
+  orchestrator man up
+  # its source
+  orchestrator man up > up.1
+  # writes orchestrator.1, orchestrator-up.1, ... into the folder man1
+  orchestrator man man1/")]
 pub struct ManArgs {
     /// A command, to show its page; or a folder for the pages of all, with a slash where it is to be made [default: the
     /// page of `orchestrator`]

@@ -22,6 +22,7 @@ pub mod recover;
 pub mod replay;
 pub mod report;
 pub mod resume;
+pub mod run_ids;
 pub mod scale;
 pub mod status;
 pub mod stop;

@@ -12,9 +12,12 @@ use std::path::{Path, PathBuf};
 /// back.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator play                                the shipped policy in the test kitchens
-  orchestrator play runs/a/best --kitchen 7        the best policy of a run, in one kitchen
-  orchestrator play --no-open --port 8000          only prints the page's address")]
+  # the shipped policy in the test kitchens
+  orchestrator play
+  # the best policy of a run, in one kitchen
+  orchestrator play runs/a/best --kitchen 7
+  # only prints the page's address
+  orchestrator play --no-open --port 8000")]
 pub struct PlayArgs {
     /// A policy file (.safetensors), a run folder, RUN/best, or a checkpoint's manifest
     #[arg(value_name = "FILE")]

@@ -12,8 +12,9 @@ use std::process::ExitCode;
 /// Repair a recording that was cut off or damaged (by a kill, a full disk, a power cut).
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Everything that can be read is kept: messages also behind damage and without indexes, profile, library, metadata,
-attachments and private records. What was lost, or may be wrong, is printed and stored in the new file's metadata.
+    after_help = "Everything that can be read is kept: messages also behind damage and without indexes, profile, library, \
+metadata, attachments and private records. What was lost, or may be wrong, is printed \
+and stored in the new file's metadata.
 
 Exit status: 0 if the file is complete or nothing was lost, 6 if something was lost or may be wrong, 1 on failure."
 )]

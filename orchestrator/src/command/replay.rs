@@ -1,4 +1,5 @@
 use crate::command::choice::{Choice, Chosen, demand_recording, nothing_in};
+use crate::output::format::typed;
 use crate::output::terminal;
 use crate::replay::ffmpeg;
 use crate::replay::newest::{Only, newest};
@@ -25,18 +26,25 @@ const NAMES_MOST: usize = 10;
 /// failure; those of more than five steps go first.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator replay runs/a                                        a few films, in runs/a/films
-  orchestrator replay runs/a --only failure --newest 5              of the five newest failures
-  orchestrator replay runs/a --kitchen 26 --newest 1                of the newest episode in kitchen 26
-  orchestrator replay runs/a --environment 3/0 --episode 12,40      of these episodes
-  orchestrator replay EVALUATION --kitchen 26 --episode 6,7         the same, by the numbers of episodes.csv
-  orchestrator replay runs/a --check                                every recorded episode, every state compared
+  # a few films, in runs/a/films
+  orchestrator replay runs/a
+  # of the five newest failures
+  orchestrator replay runs/a --only failure --newest 5
+  # of the newest episode in kitchen 26
+  orchestrator replay runs/a --kitchen 26 --newest 1
+  # of these episodes
+  orchestrator replay runs/a --environment 3/0 --episode 12,40
+  # the same, by the numbers of episodes.csv
+  orchestrator replay EVALUATION --kitchen 26 --episode 6,7
+  # every recorded episode, every state compared
+  orchestrator replay runs/a --check
   orchestrator replay runs/a/recordings/incarnation-001.000.mcap --check
 
-Compared are the state after every step and every channel and reward of it by name, and each episode's end with its
+Compared are the state after every step and every channel and reward of it by name, and each episode's end with its \
 steps. Of a damaged recording everything that can be read is compared.
 
-Exit status: 0 if all agrees and nothing is missing, 1 if anything differs, 6 if the recordings are damaged or not complete.")]
+Exit status: 0 if all agrees and nothing is missing, 1 if anything differs, 6 if the recordings are damaged or not \
+complete.")]
 pub struct ReplayArgs {
     /// Recordings (.mcap), or the folder of a run or an evaluation: all its recordings.
     #[arg(required = true, value_name = "FILE|RUN")]
@@ -124,11 +132,12 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
     terminal::out(&format!("episodes: {}", totals.episodes));
     terminal::out(&format!("states compared: {}", totals.compared));
     if let Some(images) = &images {
+        let folder = typed(Path::new(&images.folder));
         if images.format == ImageFormat::Png {
-            terminal::out(&format!("images: {} in {}", totals.images, images.folder));
+            terminal::out(&format!("images: {} in {}", totals.images, folder.display()));
         } else {
-            terminal::out(&format!("films: {} in {}", totals.episodes, images.folder));
-            for name in names_since(Path::new(&images.folder), began) {
+            terminal::out(&format!("films: {} in {}", totals.episodes, folder.display()));
+            for name in names_since(&folder, began) {
                 terminal::out(&name);
             }
         }

@@ -1,6 +1,7 @@
+use crate::comparison::settings::Row;
 use crate::output::format::counted;
 use crate::output::terminal;
-use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, write};
+use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, unfinished, write};
 use crate::report_builder::gather::gather;
 use crate::run::identity::no_folder;
 use crate::suite;
@@ -9,7 +10,6 @@ use anyhow::Result;
 use proto::shell::quoted;
 use report::study::Origin;
 use report::{GroupReport, Options, Report};
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Put runs and their evaluations on one page, beside the paper's figures
@@ -21,10 +21,13 @@ use std::path::{Path, PathBuf};
 /// the page.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator report runs/a runs/b runs/c                 three seeds or three methods: it sees which
-  orchestrator report runs evaluations --out report        everything below two folders
+  # three seeds or three methods: it sees which
+  orchestrator report runs/a runs/b runs/c
+  # everything below two folders
+  orchestrator report runs evaluations --out report
   orchestrator report runs --json | jq '.groups[] | {label, results}'
-  orchestrator report runs/paper --table docs/results/paper.json     adds its runs to the paper's tables
+  # adds its runs to the paper's tables
+  orchestrator report runs/paper --table docs/results/paper.json
   orchestrator report runs/a --threshold 0.01 --threshold 0.05 --threshold 0.1")]
 pub struct ReportArgs {
     /// Run folders, evaluation folders, or folders that hold such
@@ -69,14 +72,14 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     }
     let gathered = gather(&given, &args.runs)?;
     let runs = gathered.runs.len();
-    let report = write(gathered, &options(&args.thresholds)?, &out)?;
+    let (report, differences) = write(gathered, &options(&args.thresholds)?, &out)?;
     if args.json {
         terminal::out_json(&report)?;
     } else if let Some(table) = &args.table {
         terminal::out(add_to_table(table, &report.comparisons)?.markdown()?.trim_end());
     } else {
-        print(&report, 1);
-        terminal::out_wrapped(&standing(&report, runs).join("\n"));
+        print(&report);
+        terminal::out_wrapped(&standing(&report, runs, &differences).join("\n"));
         terminal::out(&format!("numbers: {}", out.join(NUMBERS).display()));
         terminal::out(&format!("page: {}", out.join(PAGE).display()));
     }
@@ -86,34 +89,40 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     Ok(())
 }
 
-/// How much of it is evaluated, what makes the first evaluation that is missing, and what the table leaves out.
-fn standing(report: &Report, runs: usize) -> Vec<String> {
+/// How much of it is evaluated, in what groups differ, and what makes the first evaluation that is missing.
+fn standing(report: &Report, runs: usize, differences: &[Row]) -> Vec<String> {
     let without: Vec<&GroupReport> = report.groups.iter().filter(|group| group.results.is_empty()).collect();
     let evaluated = report.groups.len() - without.len();
     let mut lines = Vec::new();
     if runs > 1 || evaluated == 0 {
         let groups = counted(report.groups.len() as u64, "group");
-        let labels = without.iter().map(|group| group.label.as_str()).collect::<Vec<_>>().join(", ");
+        let labels = without.iter().map(|group| format!("{}{}", group.label, unfinished(group.runs.iter())));
+        let labels = labels.collect::<Vec<_>>().join(", ");
         let others = if without.is_empty() { String::new() } else { format!("; not evaluated: {labels}") };
         lines.push(format!("{} in {groups}; groups evaluated: {evaluated}{others}", counted(runs as u64, "run")));
     }
+    lines.extend(apart(&report.groups, differences));
     let mut missing = without.iter().flat_map(|group| &group.runs);
     if let Some(run) = missing.find(|run| matches!(run.state, Origin::Run(_)) && run.evaluations.is_empty()) {
         lines.push(format!("`orchestrator eval {}` makes an evaluation", quoted(&run.name)));
     }
-    let seeds = report.groups.iter().flat_map(|group| &group.results).flat_map(|result| &result.seeds);
-    let shown: BTreeSet<_> = seeds.map(|seed| (&seed.run, &seed.evaluation)).collect();
-    let all: usize = report.groups.iter().flat_map(|group| &group.runs).map(|run| run.evaluations.len()).sum();
-    let others = all.saturating_sub(shown.len());
-    if others > 0 {
-        lines.push(format!("on the page alone: {}", counted(others as u64, "other evaluation")));
-    }
     lines
 }
 
-/// The table of what is over so many seeds at least.
-pub fn print(report: &Report, least: usize) {
-    let (rows, intervals) = rows(report, least);
+const FEW: usize = 4;
+
+/// Why runs are not one group, where that is short.
+fn apart(groups: &[GroupReport], differences: &[Row]) -> Option<String> {
+    let settings: Vec<&str> = differences.iter().map(|row| row.name.as_str()).collect();
+    let labels = match groups {
+        [one, other] => format!("{} and {}", one.label, other.label),
+        _ => "they".to_owned(),
+    };
+    (1..=FEW).contains(&settings.len()).then(|| format!("{labels} differ in {}", settings.join(", ")))
+}
+
+pub fn print(report: &Report) {
+    let (rows, intervals) = rows(report);
     terminal::out_table(&rows);
     for line in intervals {
         terminal::out_wrapped(&line);
@@ -149,7 +158,9 @@ fn options(thresholds: &[f32]) -> Result<Options> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::comparison::settings::differences;
     use crate::evaluation::testing::run;
+    use proto::run_state::RunState;
     use report::study::Run;
 
     #[test]
@@ -161,18 +172,28 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_evaluated_is_named_and_what_is_not_printed_is_counted() {
-        let lines = |runs: &[Run]| standing(&Report::of(runs, &Options::default(), Vec::new()).unwrap(), runs.len());
-        let runs = [run("a/one", 1, 0.1, &[false, true]), run("a/two", 1, 0.2, &[]), run("b/two", 1, 0.3, &[])];
+    fn what_is_not_evaluated_is_named_and_why_runs_are_not_one_group() {
+        let lines = |runs: &[Run]| {
+            let differences = differences(&runs.iter().map(|run| run.config.clone()).collect::<Vec<_>>());
+            standing(&Report::of(runs, &Options::default(), Vec::new()).unwrap(), runs.len(), &differences)
+        };
+        let mut runs = [run("a/one", 1, 0.1, &[false, true]), run("a/two", 1, 0.2, &[]), run("b/two", 1, 0.3, &[])];
         let eval = "`orchestrator eval a/two` makes an evaluation";
         let all = [
-            "3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two, b/two",
+            "3 runs in 3 groups; groups evaluated: 1; not evaluated: a/two (not started at 0 of 420,000 frames), b/two (not \
+             started at 0 of 420,000 frames)",
+            "they differ in ppo.clip",
             eval,
-            "on the page alone: 1 other evaluation",
         ];
         assert_eq!(lines(&runs), all);
-        assert_eq!(lines(&runs[1..2]), ["1 run in 1 group; groups evaluated: 0; not evaluated: two", eval]);
+        assert_eq!(
+            lines(&runs[1..2]),
+            ["1 run in 1 group; groups evaluated: 0; not evaluated: two (not started at 0 of 420,000 frames)", eval]
+        );
         assert_eq!(lines(&[run("a", 1, 0.1, &[false])]), [""; 0]);
+        assert_eq!(lines(&runs[..2])[1], "one and two differ in ppo.clip");
+        runs[1].origin = Origin::Run(RunState::CutOff);
+        assert!(lines(&runs[..2])[0].ends_with("two (cut off at 0 of 420,000 frames)"), "{:?}", lines(&runs[..2]));
     }
 
     #[test]

@@ -41,19 +41,21 @@ const ACTORS_LEAVE: Duration = Duration::from_secs(5);
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator resume runs/20261121-020423-demo-1
-  orchestrator resume runs/20261121-020423-demo-1 --frames 720000   trains on: 720,000 frames in all
-  orchestrator resume runs/20261121-020423-demo-1 --actors 8        with another number of actors
+  # trains on: 720,000 frames in all
+  orchestrator resume runs/20261121-020423-demo-1 --frames 720000
+  # with another number of actors
+  orchestrator resume runs/20261121-020423-demo-1 --actors 8
 
-With --actors, environments keep what they are: those of the actors that remain go on as before, those of actors that
-are no more rest as they are until such an actor is there again, and new ones begin their first episode. `orchestrator
-scale` does the same while a run goes on. With --learners, floating-point sums have another order from there on,
-unless learner.shards is set.
+With --actors, environments keep what they are: those of the actors that remain go on as before, those of actors \
+that are no more rest as they are until such an actor is there again, and new ones begin their first episode. \
+`orchestrator scale` does the same while a run goes on. With --learners, floating-point sums have another order from \
+there on, unless learner.shards is set.
 
-With --frames, stages that have ended keep their frames, and those that have not share the rest in proportion; of a
-complete run the last stage goes on, with its optimiser and episodes. Before the first stage has ended, the stages are
-those of `up --frames`. The result is not that of a run that had this budget from its beginning: learning rate, entropy
-bonus and clip fall over the length of a stage (unless their `_end` in [ppo] is 1), and what is trained was trained under
-the old length; and the last rollout of a complete run is shorter, to end on the old budget.")]
+With --frames, stages that have ended keep their frames, and those that have not share the rest in proportion; of a \
+complete run the last stage goes on, with its optimiser and episodes. Before the first stage has ended, the stages \
+are those of `up --frames`. The result is not that of a run that had this budget from its beginning: learning rate, \
+entropy bonus and clip fall over the length of a stage (unless their `_end` in [ppo] is 1), and what is trained was \
+trained under the old length; and the last rollout of a complete run is shorter, to end on the old budget.")]
 pub struct ResumeArgs {
     /// Run folder
     #[arg(value_name = "RUN")]

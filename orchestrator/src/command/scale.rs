@@ -28,7 +28,8 @@ const LOOK: Duration = Duration::from_millis(50);
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator scale runs/first --actors 8
-  orchestrator scale runs/first --actors 8 --at-rollout 120      the first rollout with 8 is number 120
+  # the first rollout with 8 is number 120
+  orchestrator scale runs/first --actors 8 --at-rollout 120
 
 A run that does not go on at present: `orchestrator resume RUN --actors N`.")]
 pub struct ScaleArgs {

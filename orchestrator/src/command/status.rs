@@ -117,9 +117,11 @@ impl Work {
         let seen = signs_of_life(&history);
         let newest = identity.incarnations.last().filter(|_| !at_rest);
         let silent_s = newest.map(|start| silent_s(start, seen.get(&start.number).copied()) as u64);
+        let recent = recent(&config.stages, &history, at_rest || is_idle(identity, &history));
+        let stages = by_stage(&config.stages, &history).into_iter().map(|stage| stage.with_quotients(config.spec()));
         Ok(Self::Training {
-            recent: Box::new(recent(&config.stages, &history, at_rest || is_idle(identity, &history))),
-            stages: by_stage(&config.stages, &history),
+            recent: Box::new(recent.with_quotients(config.spec())),
+            stages: stages.collect(),
             weights: summary.map(|summary| summary.weights),
             wall: Wall::of(identity, &seen, !at_rest),
             silent_s,

@@ -25,28 +25,40 @@ use std::process::ExitCode;
 use std::time::Duration;
 use view::data::{Card, Runs};
 
-const EXAMPLE: &str = r#"seeds = [1, 2, 3]                 # of runs that name none
-frames = 1_000_000                # optional: all stages of every run scaled to this sum
-config.learner.threads = 2        # optional: keys laid over every preset
+const EXAMPLE: &str = r#"# of runs that name none
+seeds = [1, 2, 3]
+# optional: all stages of every run scaled to this sum
+frames = 1_000_000
+# optional: keys laid over every preset
+config.learner.threads = 2
 
-[[evaluations]]                   # of every trained run, as `orchestrator eval` takes it
-split = "test"                    # or "validation", "train"
-objects = "novel"                 # or "seen", "all"
-episodes = 60                     # optional; also deterministic = true
-checkpoint = "best"               # optional: the best by its own validation; else "newest"
+# of every trained run, as `orchestrator eval` takes it
+[[evaluations]]
+# or "validation", "train"
+split = "test"
+# or "seen", "all"
+objects = "novel"
+# optional; also deterministic = true
+episodes = 60
+# optional: the best by its own validation; else "newest"
+checkpoint = "best"
 
 [[runs]]
 preset = "disturb-stage1-20m"
 
 [[runs]]
 preset = "none-two-stage"
-name = "small-steps"              # optional: what its folders are called
-seeds = [1]                       # optional; also frames
-config.ppo.learning_rate = 1e-4   # optional: keys laid over preset and suite
+# optional: what its folders are called
+name = "small-steps"
+# optional; also frames
+seeds = [1]
+# optional: keys laid over preset and suite
+config.ppo.learning_rate = 1e-4
 
 [[runs]]
 preset = "disturb-stage2-25m"
-from = "disturb-stage1-20m"       # optional: begin with the weights of a run above
+# optional: begin with the weights of a run above
+from = "disturb-stage1-20m"
 
 [[runs]]
 preset = "lambda-15"
@@ -61,12 +73,17 @@ fn after_help() -> String {
     format!(
         "The file, TOML:\n{}\n
 Examples:
-  orchestrator suite two-seeds                     a built-in one ({}): into runs/two-seeds
-  orchestrator suite table-1.toml                  into runs/table-1
+  # built in: {}
+  orchestrator suite two-seeds
+  # into runs/table-1
+  orchestrator suite table-1.toml
   orchestrator suite table-1.toml --gpus 0,1,2,3
-  orchestrator suite table-1.toml --seed 4,5,6     with other seeds than those in the file
-  orchestrator suite paper --table docs/results/paper.json    the runs that the paper's table still lacks
-  orchestrator suite table-1.toml --check          says what it would do",
+  # with other seeds than those in the file
+  orchestrator suite table-1.toml --seed 4,5,6
+  # the runs that the paper's table still lacks
+  orchestrator suite paper --table docs/results/paper.json
+  # says what it would do
+  orchestrator suite table-1.toml --check",
         example.collect::<Vec<_>>().join("\n"),
         BUILT_IN.map(|(name, _)| name).join(", ")
     )
@@ -166,9 +183,9 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         terminal::note("no run could be begun: there is nothing to report on");
         tell(None)?;
     } else {
-        let report = files::write(gather(&begun, &[])?, &Options::default(), &folder.report())?;
+        let (report, _) = files::write(gather(&begun, &[])?, &Options::default(), &folder.report())?;
         if !args.json {
-            super::report::print(&report, 2);
+            super::report::print(&report);
         }
         for note in &report.notes {
             terminal::note(note);

@@ -7,6 +7,7 @@ use clap::error::{ContextKind, ContextValue, ErrorKind};
 use proto::config::{Config, ConfigError, Setting, SettingError, presets};
 use proto::likeness::{likeness, nearest};
 use proto::shell::quoted;
+use std::path::Path;
 use view::data::{Card, Runs};
 
 /// What the standard library says of a word in a number's place, and what we say.
@@ -48,14 +49,20 @@ const COMMANDS: [(&str, &[&str]); 14] = [
     ("list", &["ls", "runs"]),
 ];
 
+const ITERATIONS: &str = "it is `--frames N`: N = iterations × `ppo.rollout_steps` × environments";
+
 /// Options of other programs (CleanRL, Stable-Baselines3, AllenAct, Isaac Lab), and what says the same here, by command:
 /// `up` stands for all commands that take a configuration, nothing for any.
 const OPTIONS: &[(&str, &str, &str)] = &[
     ("up", "it is `--set ppo.learning_rate=RATE`", "lr learning-rate"),
     ("up", "it is `--set ppo.learning_rate_frames=FRAMES`, over which the rate falls", "anneal-lr lr-schedule"),
-    ("up", "it is `--set ppo.minibatches=N`", "num-minibatches n-minibatches num-mini-batch"),
+    ("up", "it is `--set ppo.minibatches=N`", "num-minibatches n-minibatches num-mini-batch num-mini-batches"),
     ("up", "it is `--set ppo.minibatches=N`, how many of them a rollout has", "batch-size minibatch-size"),
-    ("up", "it is `--set ppo.epochs=N`", "update-epochs n-epochs num-epochs update-repeats num-learning-epochs"),
+    (
+        "up",
+        "it is `--set ppo.epochs=N`",
+        "update-epochs n-epochs num-epochs ppo-epoch update-repeats num-learning-epochs",
+    ),
     ("up", "it is `--set ppo.gamma=GAMMA`", "discount discount-factor"),
     ("up", "it is `--set ppo.gae_lambda=LAMBDA`", "tau lam lambda"),
     ("up", "it is `--set ppo.clip=CLIP`", "clip-coef clip-range clip-param"),
@@ -69,8 +76,15 @@ const OPTIONS: &[(&str, &str, &str)] = &[
     ("up", "it is `--set ppo.normalize_advantages=true`", "norm-adv normalize-advantage"),
     ("up", "it is `--set 'scenes=[\"FILE.toml\"]'`", "scene scenes"),
     ("up", "it is `--set ppo.rollout_steps=STEPS`", "n-steps num-steps num-steps-per-env rollout rollout-length"),
-    ("up", "it is `--actors N` times `--envs-per-actor N`", "num-envs n-envs num-processes num-workers num-env"),
-    ("up", "it is `--learners N`", "gpus num-gpus nproc-per-node distributed world-size"),
+    (
+        "up",
+        "it is `--actors N` times `--envs-per-actor N`",
+        "num-envs n-envs num-environments num-processes num-workers num-env",
+    ),
+    ("up", "it is `--learners N`", "num-gpus nproc-per-node distributed world-size"),
+    ("up", "it is `--learners N`, one a GPU; CUDA_VISIBLE_DEVICES chooses which", "gpus gpu-ids"),
+    ("up", "`orchestrator suite FILE --seed 1,2` trains a run with each seed", "seeds n-seeds num-seeds"),
+    ("up", "it is `--set network.encoder=NAME`, or `network.mlp` for numbers", "policy"),
     ("up", "it is `--rendezvous HOST:PORT`", "distributed-ip-and-port master-addr"),
     ("up", "it is `--set learner.device=cuda`, or `=cpu`", "device cuda gpu"),
     ("up", "it is `--set learner.device=cpu`", "cpu"),
@@ -85,13 +99,17 @@ const OPTIONS: &[(&str, &str, &str)] = &[
     (
         "up",
         "it is `--frames N`",
-        "steps timesteps total-timesteps n-timesteps num-timesteps total-steps max-iterations",
+        "steps timesteps total-timesteps n-timesteps num-timesteps total-steps total-num-steps",
     ),
-    (
-        "up",
-        "it is `--run FOLDER`",
-        "out output output-dir logdir log-dir log-folder name exp-name run-name experiment-name",
-    ),
+    ("up", ITERATIONS, "max-iterations num-iterations num-updates"),
+    ("resume", ITERATIONS, "max-iterations num-iterations num-updates"),
+    ("up", "it is `--run FOLDER`", "out output output-dir logdir log-dir log-folder save-path save-dir"),
+    ("up", "it is `--run runs/NAME`", "name exp-name run-name experiment-name"),
+    ("config", "`orchestrator config PRESET --json | jq .KEY` prints one key", "get key show"),
+    ("suite", "it is `--gpus 0,1`: one run at a time on each", "jobs j n-jobs workers parallel"),
+    ("clean", "it frees what all dead runs have left", "all a force f"),
+    ("", "`2> /dev/null` leaves the results alone", "quiet q silent"),
+    ("", "it is `--verbose`", "debug"),
     ("up", "it is `--set episode.max_steps=STEPS` of an episode, `--frames N` of a run", "max-steps max-episode-steps"),
     ("up", "it is `--set checkpoint.interval_s=SECONDS`, in seconds", "save-freq save-interval"),
     ("up", "it is `--set validation.every_frames=N`", "eval-freq eval-interval"),
@@ -117,7 +135,7 @@ const OPTIONS: &[(&str, &str, &str)] = &[
     ("compare", "it is `--json`", "csv"),
     ("replay", "it is `--images DIR`", "out output output-dir o"),
     ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
-    ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps max-iterations"),
+    ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps"),
     (
         "eval",
         "it is the first word, as in `orchestrator eval RUN/checkpoints/rollout-NUMBER.json`",
@@ -145,10 +163,11 @@ const OPTIONS: &[(&str, &str, &str)] = &[
 /// What says the same here as an option of another program, or as a setting of it: of the table, or the key with this
 /// last part.
 fn ours(command: &str, word: &str) -> Option<String> {
+    let typed = command;
     let command = if ["config", "doctor", "import"].contains(&command) { "up" } else { command };
     let name = word.trim_start_matches('-').replace('_', "-");
     let same = |(of, _, theirs): &&(&str, &str, &str)| {
-        (of.is_empty() || *of == command) && theirs.split(' ').any(|one| one == name)
+        (of.is_empty() || [typed, command].contains(of)) && theirs.split(' ').any(|one| one == name)
     };
     let known = OPTIONS.iter().find(same).map(|(_, ours, _)| format!("here {ours}"));
     known.or_else(|| {
@@ -171,8 +190,13 @@ fn assigned(word: &str, line: &clap::Command) -> Option<String> {
     if is_of_up(&option, line) {
         return Some(format!("here it is `{option} {value}`"));
     }
+    let is_ours = !matches!(word.parse::<Setting>(), Err(SettingError::UnknownKey { .. }));
     let Some(known) = ours("up", key.rsplit('.').next()?) else {
-        return Some(format!("each key has a `--set` of its own: `--set {word}`"));
+        return Some(if is_ours {
+            format!("each key has a `--set` of its own: `--set {word}`")
+        } else {
+            ALL_KEYS.to_owned()
+        });
     };
     Some(with_value(known, Some(value)))
 }
@@ -182,9 +206,11 @@ fn with_value(tip: String, value: Option<&str>) -> String {
     let filled = |value: &str| {
         let option = tip.strip_prefix("here it is `")?.strip_suffix('`')?;
         let (before, placeholder) = option.split_at(option.rfind(['=', ' '])? + 1);
+        let (folder, placeholder) = placeholder.strip_prefix("runs/").map_or(("", placeholder), |name| ("runs/", name));
         let is_one = placeholder == "true" || placeholder.bytes().all(|letter| letter.is_ascii_uppercase());
         let fits = before.strip_prefix("--set ").is_none_or(|key| format!("{key}{value}").parse::<Setting>().is_ok());
-        (is_one && fits && !before.contains('`')).then(|| format!("here it is `{before}{}`", quoted(value)))
+        (is_one && fits && !before.contains('`'))
+            .then(|| format!("here it is `{before}{}`", quoted(format!("{folder}{value}"))))
     };
     value.and_then(filled).unwrap_or(tip)
 }
@@ -254,6 +280,9 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
             let value = words[2].strip_prefix("--run=").or(words.get(3).map(String::as_str)).unwrap_or("RUN");
             Some(format!("the run comes without `--run`: `orchestrator {command} {}`", quoted(value)))
         }
+        word if command == "eval" && !word.starts_with('-') => {
+            Some(format!("it evaluates one at a time: `orchestrator eval {}` is another call", quoted(word)))
+        }
         word if command == "clean" && !word.starts_with('-') => Some(
             "it takes no run: it frees the shared memory of all dead runs; `rm -r RUN` removes a run".to_owned(),
         ),
@@ -304,6 +333,22 @@ fn without_guess(text: &str, tip: &str) -> String {
     }
 }
 
+/// What was probably meant by a name that is no preset's: a run, or a key.
+fn of_preset(name: &str) -> Option<String> {
+    if Path::new(name).is_dir() {
+        return Some(format!("; `orchestrator config --of {}` prints that of a run", quoted(name)));
+    }
+    let (key, is_set) = name.split_once('=').map_or((name, false), |(key, _)| (key, true));
+    let is_key = !matches!(format!("{key}=0").parse::<Setting>(), Err(SettingError::UnknownKey { .. }));
+    match (is_key && key.contains('.'), is_set) {
+        (false, _) => None,
+        (true, true) => {
+            Some(format!("; a preset comes first, as in `orchestrator config demo --set {}`", quoted(name)))
+        }
+        (true, false) => Some(format!("; `orchestrator config demo --json | jq .{key}` prints a key of a preset")),
+    }
+}
+
 /// What is wrong with a key of a configuration that another program has, in a sentence's end; nothing of other errors.
 fn of_key(error: &anyhow::Error) -> String {
     let of_file = wrong::causes(error).find_map(|cause| match cause.downcast_ref::<ConfigError>()? {
@@ -314,6 +359,7 @@ fn of_key(error: &anyhow::Error) -> String {
             let preset = presets().iter().find(|preset| path.as_os_str() == &*preset.name)?;
             Some(format!("; `--preset {}` takes the preset", preset.name))
         }
+        ConfigError::UnknownPreset { name, .. } => of_preset(name),
         _ => None,
     });
     if let Some(tip) = of_file {
@@ -354,7 +400,8 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
             } else {
                 // `help` itself suggests none.
                 let own = line.get_subcommands().map(clap::Command::get_name);
-                return Some(format!("did you mean `{}`?", nearest(&word, own)?));
+                let guess = nearest(&word, own).map(|meant| format!("did you mean `{meant}`?"));
+                return Some(guess.unwrap_or_else(|| "`orchestrator help` lists the commands".to_owned()));
             };
             let (ours, _) = COMMANDS.iter().find(|(_, theirs)| theirs.contains(&meant.as_str()))?;
             Some(format!("`orchestrator {ours}` does that"))
@@ -513,7 +560,22 @@ mod tests {
             (&["up", "--lr", "fast"], "tip: here it is `--set ppo.learning_rate=RATE`"),
             (&["up", "--save-freq", "9"], "tip: here it is `--set checkpoint.interval_s=SECONDS`, in seconds"),
             (&["up", "--clip-vloss", "false"], "tip: here it is `--set ppo.clip_value=false`"),
-            (&["up", "--run-name", "my run"], "tip: here it is `--run 'my run'`"),
+            (&["up", "--run-name", "my run"], "tip: here it is `--run 'runs/my run'`"),
+            (&["up", "--exp-name", "foo"], "tip: here it is `--run runs/foo`"),
+            (
+                &["up", "--max_iterations", "100"],
+                "tip: here it is `--frames N`: N = iterations × `ppo.rollout_steps` ×",
+            ),
+            (&["resume", "a", "--max_iterations", "9"], "tip: here it is `--frames N`: N = iterations ×"),
+            (&["up", "--gpus", "0"], "tip: here it is `--learners N`, one a GPU; CUDA_VISIBLE_DEVICES chooses which"),
+            (
+                &["up", "habitat_baselines.num_environments=4"],
+                "tip: here it is `--actors N` times `--envs-per-actor N`",
+            ),
+            (&["up", "hydra.run.dir=x"], "tip: `orchestrator config` prints all keys"),
+            (&["eval", "a", "b"], "tip: it evaluates one at a time: `orchestrator eval b` is another call"),
+            (&["suite", "a.toml", "--jobs", "4"], "tip: here it is `--gpus 0,1`: one run at a time on each"),
+            (&["help", "nothing"], "tip: `orchestrator help` lists the commands"),
             (&["eval", "a", "--split", "unseen"], "tip: unseen kitchens are those of `test`"),
             // What is missing, or elsewhere.
             (&["export", "runs/a"], "tip: `orchestrator export RUN --out policy.onnx` writes a model"),
@@ -586,6 +648,18 @@ mod tests {
         let error = super::Config::resolve_set("demo", Some("demo".as_ref()), &[]).unwrap_err();
         assert_eq!(error.to_string(), "cannot read configuration demo: there is no such file");
         assert_eq!(super::of_key(&error.into()), "; `--preset demo` takes the preset");
+        for (name, tip) in [
+            (
+                folder.path().to_str().unwrap(),
+                format!("; `orchestrator config --of {}` prints that of a", folder.path().display()),
+            ),
+            ("ppo.clip=0.1", "; a preset comes first, as in `orchestrator config demo --set ppo.clip=0.1`".to_owned()),
+            ("ppo.clip", "; `orchestrator config demo --json | jq .ppo.clip` prints a key of a preset".to_owned()),
+        ] {
+            let error = super::of_key(&super::Config::resolve(name, None).unwrap_err().into());
+            assert!(error.starts_with(&tip), "{error}");
+        }
+        assert_eq!(super::of_key(&super::Config::resolve("demmo", None).unwrap_err().into()), "");
         std::fs::write(&file, "[[runs]]\npreset = \"demo\"\n").unwrap();
         let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
         let of_suite = format!("; a suite's file is for `orchestrator suite {}`", file.display());

@@ -14,8 +14,10 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   orchestrator top runs/20261121-020423-demo-1
-  orchestrator top                                 the newest run below runs/
-  ssh -t HOST orchestrator top /data/runs/a        one on another machine")]
+  # the newest run below runs/
+  orchestrator top
+  # one on another machine
+  ssh -t HOST orchestrator top /data/runs/a")]
 pub struct TopArgs {
     /// Run folder, or that of an evaluation, or of a suite: its run at work [default: the newest below runs/]
     #[arg(value_name = "RUN")]

@@ -34,17 +34,30 @@ use std::process::ExitCode;
 /// weights, `frames: ` and the number of frames trained on; with --json the last line is the event `ended`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator up                                  the demonstration on a CPU, the recipe on a GPU
-  orchestrator up --preset paper --seed 2          the paper's exact shape
-  orchestrator up --preset demo --actors 4 --envs-per-actor 2 --frames 20000 --run runs/small
-  orchestrator up --preset recipe --actors 76 --learners 2                  a learner on each of two GPUs
-  orchestrator up --preset demo --view             the same with a page to watch it on
-  orchestrator up --json | jq .event               events for scripts, a line each
-  orchestrator up --config mine.toml               some settings of your own over the default preset
-  orchestrator up --preset demo --set ppo.learning_rate=1e-3 --set network.encoder=resnet      single settings
-  orchestrator up --preset disturb-stage2-25m --from runs/stage-1           stage II as a run of its own
-  orchestrator up --env gymnasium:CartPole-v1                 an environment of your own
-  torchrun --nnodes=2 --nproc-per-node=1 --no-python -- orchestrator up --learners 2 --run R --token-file token
+  # the demonstration on a CPU, the recipe on a GPU
+  orchestrator up
+  # the paper's exact shape
+  orchestrator up --preset paper --seed 2
+  # a small one
+  orchestrator up --preset demo --actors 4 --frames 20000 --run runs/small
+  # a learner on each of two GPUs
+  orchestrator up --preset recipe --actors 76 --learners 2
+  # the same with a page to watch it on
+  orchestrator up --preset demo --view
+  # events for scripts, a line each
+  orchestrator up --json | jq .event
+  # some settings of your own over the default preset
+  orchestrator up --config mine.toml
+  # single settings
+  orchestrator up --preset demo --set ppo.learning_rate=1e-3 \\
+    --set network.encoder=resnet
+  # stage II as a run of its own
+  orchestrator up --preset disturb-stage2-25m --from runs/stage-1
+  # an environment of your own
+  orchestrator up --env gymnasium:CartPole-v1
+  # a run over two machines
+  torchrun --nnodes=2 --nproc-per-node=1 --no-python -- \\
+    orchestrator up --learners 2 --run R --token-file token
 
 The configuration, later over earlier: the preset, --config, --set, the other flags. `orchestrator config` prints it.")]
 pub struct UpArgs {
@@ -233,7 +246,7 @@ fn begin_from(from: &Path, found: &Found, config: &Config) -> Result<FromConfig>
     let differences = network_differences(&found.config, config)?;
     if !differences.is_empty() {
         let (theirs, ours, from) = (&found.config.task, &config.task, from.display());
-        demand!(theirs == ours, "{from} holds a network of the task {theirs}, which does not fit {ours}");
+        demand!(theirs == ours, "{from} is of the task {theirs}, this run of {ours}: their networks differ");
         reject!(
             "{from} holds another network: {}. Give this run the other's preset, or its [network] in a file for --config",
             differences.join("; ")

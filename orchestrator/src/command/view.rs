@@ -25,12 +25,18 @@ use view::{Settings, serve};
 /// drawn as they are looked at; nothing needs to have been recorded as pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
-  orchestrator view                          all runs below runs/
-  orchestrator view runs/a runs/b            these two, their curves over each other
-  orchestrator view --compare E1 E2          the same episodes of two evaluations side by side
-  ssh -L 8765:127.0.0.1:8765 HOST            then the address that is printed there opens here, too
-  orchestrator view --address 0.0.0.0        for other machines, too
-  orchestrator view --token-file token       the token is the same at each start")]
+  # all runs below runs/
+  orchestrator view
+  # these two, their curves over each other
+  orchestrator view runs/a runs/b
+  # the same episodes of two evaluations side by side
+  orchestrator view --compare E1 E2
+  # then the address that is printed there opens here, too
+  ssh -L 8765:127.0.0.1:8765 HOST
+  # for other machines, too
+  orchestrator view --address 0.0.0.0
+  # the token is the same at each start
+  orchestrator view --token-file token")]
 pub struct ViewArgs {
     /// Run folders, those of evaluations, or folders that hold runs [default: runs]
     #[arg(value_name = "RUN")]

@@ -1,6 +1,6 @@
 use super::settings::Row;
 use crate::evaluation::text::{place, seeds_of};
-use crate::output::format::{self, shown};
+use crate::output::format::{self, NOTHING, shown};
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder, state_of};
@@ -14,9 +14,9 @@ use proto::config::Config;
 use proto::evaluation::{Distribution, Evaluation, ObjectSet, RESULT_FILE};
 use proto::run_folder::RunFolder;
 use proto::stage::total_frames;
-use proto::task::Spec;
+use proto::task::{Described, Spec};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// What a figure is of, in the order in which a comparison shows them.
@@ -32,9 +32,37 @@ enum Part {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     part: Part,
+    /// What it is of, where that is a part of its own.
+    of: String,
     name: String,
     value: Value,
     shown: String,
+    format: Format,
+}
+
+/// How a number is shown.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Format {
+    /// It is none, or a mean of it says nothing.
+    Text,
+    Count,
+    Decimals(usize),
+    Rate,
+    Seconds,
+    Metric(Described),
+}
+
+impl Format {
+    pub fn shown(&self, value: f64) -> String {
+        match self {
+            Self::Text => String::new(),
+            Self::Count => format::count(value.round() as u64),
+            Self::Decimals(decimals) => format::number(Some(value), *decimals),
+            Self::Rate => format::rate(value),
+            Self::Seconds => format::duration(Duration::try_from_secs_f64(value).unwrap_or_default()),
+            Self::Metric(one) => shown(one, Some(value)),
+        }
+    }
 }
 
 const DIGITS: usize = 12;
@@ -42,39 +70,40 @@ const DIGITS: usize = 12;
 #[derive(Debug, Default)]
 struct List {
     part: Part,
+    of: String,
     figures: Vec<Figure>,
 }
 
 impl List {
-    fn put(&mut self, name: impl Into<String>, value: impl Into<Value>, shown: String) {
-        self.figures.push(Figure { part: self.part, name: name.into(), value: value.into(), shown });
+    fn begin(&mut self, part: Part, of: impl Into<String>) {
+        (self.part, self.of) = (part, of.into());
+    }
+
+    fn text(&mut self, name: &str, value: &str, shown: String) {
+        self.put(name, json!(value), shown, Format::Text);
+    }
+
+    fn put(&mut self, name: impl Into<String>, value: Value, shown: String, format: Format) {
+        self.figures.push(Figure { part: self.part, of: self.of.clone(), name: name.into(), value, shown, format });
+    }
+
+    fn number(&mut self, name: impl Into<String>, value: Option<f64>, format: Format) {
+        let shown = value.map_or_else(|| NOTHING.to_owned(), |value| format.shown(value));
+        self.put(name, json!(value), shown, format);
     }
 
     fn count(&mut self, name: impl Into<String>, value: u64) {
-        self.put(name, value, format::count(value));
+        self.put(name, json!(value), format::count(value), Format::Count);
     }
 
-    fn number(&mut self, name: impl Into<String>, value: Option<f64>, decimals: usize) {
-        self.put(name, json!(value), format::number(value, decimals));
+    fn metric(&mut self, one: &Described, value: Option<f64>) {
+        self.number(with_unit(&one.label, &one.unit), value, Format::Metric(one.clone()));
     }
 
-    fn metrics(&mut self, of: &str, task: &Spec, figures: &BTreeMap<String, f64>) {
+    fn metrics(&mut self, task: &Spec, figures: &BTreeMap<String, f64>) {
         for metric in task.shown() {
-            let value = metric.mean(figures);
-            self.put(format!("{of}: {}", with_unit(&metric.label, &metric.unit)), json!(value), shown(&metric, value));
+            self.metric(&metric, metric.mean(figures));
         }
-    }
-}
-
-/// A mean of figures that are shown as this one.
-pub fn as_shown(mean: f64, one: &str) -> String {
-    let decimals = one.rsplit_once('.').map_or(0, |(_, decimals)| decimals.len());
-    match one {
-        _ if one.ends_with('%') => format::percent(Some(mean)),
-        // Of figures a time alone has spaces.
-        _ if one.contains(' ') => format::duration(Duration::try_from_secs_f64(mean).unwrap_or_default()),
-        _ if decimals > 0 => format::number(Some(mean), decimals),
-        _ => format::count(mean.round() as u64),
     }
 }
 
@@ -93,9 +122,9 @@ pub fn of(folder: &RunFolder, config: &Config, identity: &Identity) -> Result<Ve
     });
     let is_complete = summary.is_some() || is_evaluation && folder.has(&folder.root().join(RESULT_FILE));
     let state = state_of(identity, &held, is_complete).to_string();
-    list.put("state", state.clone(), state);
+    list.text("state", &state, state.clone());
     if let Some(summary) = summary {
-        list.put("weights", summary.weights.clone(), summary.weights.chars().take(DIGITS).collect());
+        list.text("weights", &summary.weights, summary.weights.chars().take(DIGITS).collect());
     }
     if !is_evaluation {
         training(&mut list, folder, config, identity, &held);
@@ -111,19 +140,16 @@ fn training(list: &mut List, folder: &RunFolder, config: &Config, identity: &Ide
     tell(folder, notes.iter().chain(&more));
     list.count("frames", history.frames());
     list.count("budget", total_frames(&config.stages));
-    let rate = frames_per_s(&history);
-    list.put("frames/s, mean", json!(rate), rate.map_or_else(String::new, format::rate));
+    list.number("frames/s, mean", frames_per_s(&history), Format::Rate);
     let wall_s = Wall::of(identity, &signs_of_life(&history), !at_rest).all_starts_s;
-    let wall = Duration::try_from_secs_f64(wall_s).unwrap_or_default();
-    list.put("wall time", wall_s, format::duration(wall));
-    list.part = Part::Stage;
+    list.number("wall time", Some(wall_s), Format::Seconds);
     for stage in by_stage(&config.stages, &history) {
         of_stage(list, config.spec(), &stage);
     }
-    list.part = Part::Validation;
     if let Some(best) = best(&scores, config.spec()) {
-        list.metrics("best validation", config.spec(), &best.figures);
-        list.count("best validation: at frame", best.frames);
+        list.begin(Part::Validation, "best validation");
+        list.metrics(config.spec(), &best.figures);
+        list.count("at frame", best.frames);
     }
 }
 
@@ -132,13 +158,13 @@ fn tell<'a>(folder: &RunFolder, notes: impl Iterator<Item = &'a String>) {
 }
 
 fn of_stage(list: &mut List, task: &Spec, stage: &StageMeans) {
-    let (late, of) = (&stage.last_tenth, format!("stage {}", stage.name));
-    let name = |what: &str| format!("{of}: {what}");
-    list.count(name("episodes"), stage.whole.episodes);
-    list.number(name("return"), late.mean_return, 2);
-    list.metrics(&of, task, &late.figures);
+    let late = &stage.last_tenth;
+    list.begin(Part::Stage, format!("stage {}", stage.name));
+    list.count("episodes", stage.whole.episodes);
+    list.number("return", late.mean_return, Format::Decimals(2));
+    list.metrics(task, &late.figures);
     if let Some(multiplier) = stage.multiplier {
-        list.number(name("multiplier"), Some(multiplier), 4);
+        list.number("multiplier", Some(multiplier), Format::Decimals(4));
     }
 }
 
@@ -158,14 +184,12 @@ fn evaluations(list: &mut List, folder: &RunFolder) {
             newest.insert(kind, evaluation);
         }
     }
-    list.part = Part::Evaluation;
     for (kind, Evaluation { overall, subject, described, .. }) in newest {
-        let name = |what: &str| format!("{kind}: {what}");
-        list.count(name("episodes"), overall.episodes);
-        list.count(name("trained frames"), subject.frames);
+        list.begin(Part::Evaluation, kind);
+        list.count("episodes", overall.episodes);
+        list.count("trained frames", subject.frames);
         for one in described.iter().filter(|one| !one.label.is_empty()) {
-            let figure = overall.get(&one.name);
-            list.put(name(&with_unit(&one.label, &one.unit)), json!(figure), shown(one, figure));
+            list.metric(one, overall.get(&one.name));
         }
     }
 }
@@ -188,27 +212,44 @@ fn kind_of(evaluation: &Evaluation) -> String {
     kind
 }
 
+/// Has the figures of folders that are one evaluation each stand beside each other, whatever they are of: the
+/// configuration names what differs.
+pub fn side_by_side(evaluations: &mut [Vec<Figure>]) {
+    let kinds: BTreeSet<&str> =
+        evaluations.iter().flatten().map(|figure| &*figure.of).filter(|of| !of.is_empty()).collect();
+    if kinds.len() > 1 {
+        for figure in evaluations.iter_mut().flatten().filter(|figure| figure.part == Part::Evaluation) {
+            "evaluation".clone_into(&mut figure.of);
+        }
+    }
+}
+
 pub fn rows(runs: &[Vec<Figure>]) -> Vec<Row> {
-    let mut names: Vec<(Part, &str)> = Vec::new();
+    let key = |figure: &Figure| match figure.of.as_str() {
+        "" => figure.name.clone(),
+        of => format!("{of}: {}", figure.name),
+    };
+    let mut names: Vec<(Part, String)> = Vec::new();
     for run in runs {
         let mut place = 0;
         for figure in run {
-            place = names.iter().position(|(_, name)| *name == figure.name).unwrap_or_else(|| {
-                names.insert(place, (figure.part, &figure.name));
+            place = names.iter().position(|(_, name)| *name == key(figure)).unwrap_or_else(|| {
+                names.insert(place, (figure.part, key(figure)));
                 place
             }) + 1;
         }
     }
-    let row = |name: &str| {
-        let of = |run: &'_ Vec<Figure>| run.iter().find(|figure| figure.name == name).cloned();
-        let (values, shown) = runs
-            .iter()
-            .map(|run| of(run).map_or((Value::Null, String::new()), |figure| (figure.value, figure.shown)))
-            .unzip();
-        Row { name: name.to_owned(), values, shown }
+    let row = |(_, name): (Part, String)| {
+        let found: Vec<_> = runs.iter().map(|run| run.iter().find(|figure| key(figure) == name)).collect();
+        let format = found.iter().flatten().next().map_or(Format::Text, |figure| figure.format.clone());
+        let of = |figure: Option<&Figure>| {
+            figure.map_or((Value::Null, String::new()), |figure| (figure.value.clone(), figure.shown.clone()))
+        };
+        let (values, shown) = found.into_iter().map(of).unzip();
+        Row { name, values, shown, format }
     };
     names.sort_by_key(|(part, _)| *part);
-    names.into_iter().map(|(_, name)| row(name)).collect()
+    names.into_iter().map(row).collect()
 }
 
 #[cfg(test)]
@@ -236,8 +277,9 @@ mod tests {
         let run = |names: &[(Part, &str)]| {
             let mut list = List::default();
             for (part, name) in names {
-                list.part = *part;
-                list.count(*name, 1);
+                let (of, name) = name.split_once(": ").expect("a part of its own");
+                list.begin(*part, of);
+                list.count(name, 1);
             }
             list.figures
         };
@@ -249,5 +291,11 @@ mod tests {
         let seeds_first = [&stages[..], &["seeds: score", "kitchens: SR"]].concat();
         assert_eq!(names(&[two.clone(), one.clone()]), seeds_first);
         assert_eq!(names(&[one, two])[4..], ["kitchens: SR", "seeds: score"]);
+        let alone = [kitchens, (Part::Evaluation, "seeds: SR")].map(|one| run(&[one]));
+        assert_eq!(names(&alone), ["seeds: SR", "kitchens: SR"]);
+        let mut evaluations = alone;
+        side_by_side(&mut evaluations);
+        assert_eq!(rows(&evaluations)[0].shown, ["1", "1"]);
+        assert_eq!(names(&evaluations), ["evaluation: SR"]);
     }
 }

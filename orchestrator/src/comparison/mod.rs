@@ -1,3 +1,4 @@
+mod episodes;
 mod figures;
 pub mod settings;
 
@@ -6,10 +7,12 @@ use crate::output::table::{aligned, blocks, cell, is_wider};
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use anyhow::{Result, ensure};
+use episodes::SameEpisodes;
 use figures::Figure;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
 use serde::Serialize;
+use serde_json::{Value, json};
 use settings::Row;
 use std::path::PathBuf;
 
@@ -28,6 +31,9 @@ pub struct Comparison {
     pub runs: Vec<String>,
     pub configuration: Vec<Row>,
     pub figures: Vec<Row>,
+    /// Of two evaluations that played the same ones.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub same_episodes: Option<SameEpisodes>,
 }
 
 impl Comparison {
@@ -62,11 +68,25 @@ impl Comparison {
             let error = format!("{error:#}");
             terminal::note(&format!("{} is left out: {}", path.display(), error.lines().next().unwrap_or_default()));
         }
-        Ok(Self { runs, configuration: settings::differences(&configs), figures: figures::rows(&known) })
+        let mut same_episodes = None;
+        if configs.iter().all(|config| config.evaluation.is_some()) {
+            figures::side_by_side(&mut known);
+            if let ([one, other], [first, second]) = (&runs[..], &configs[..]) {
+                let folders = [one, other].map(RunFolder::new);
+                same_episodes = SameEpisodes::of(folders.each_ref(), [first, second]);
+            }
+        }
+        let configuration = settings::differences(&configs);
+        let comparison = Self { runs, configuration, figures: figures::rows(&known), same_episodes };
+        Ok(comparison.with_means())
     }
 
-    pub fn lines(self) -> Vec<String> {
-        self.with_means().within(terminal::width())
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines = self.within(terminal::width());
+        if let (Some(same), [one, other]) = (self.same_episodes, &shortened(&self.runs)[..]) {
+            lines.push(same.line([one, other]));
+        }
+        lines
     }
 
     /// With a column more for each experiment of several seeds: the means of its figures.
@@ -89,11 +109,15 @@ impl Comparison {
             let names: Vec<&str> = group.iter().map(|&run| self.runs[run].as_str()).collect();
             let name = mean_of(&names);
             self.runs.push(name);
-            self.configuration.iter_mut().for_each(|row| row.shown.push(String::new()));
-            for Row { values, shown, .. } in &mut self.figures {
+            for Row { values, shown, .. } in &mut self.configuration {
+                values.push(Value::Null);
+                shown.push(String::new());
+            }
+            for Row { values, shown, format, .. } in &mut self.figures {
                 let sum = group.iter().map(|&run| values[run].as_f64()).sum::<Option<f64>>();
-                let mean = sum.map(|sum| figures::as_shown(sum / group.len() as f64, &shown[group[0]]));
-                shown.push(mean.unwrap_or_default());
+                let mean = sum.map(|sum| sum / group.len() as f64);
+                values.push(json!(mean));
+                shown.push(mean.map(|mean| format.shown(mean)).unwrap_or_default());
             }
         }
         self
@@ -172,15 +196,18 @@ fn shortened(runs: &[String]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::{Value, json};
+    use figures::Format;
 
     #[test]
     fn the_seeds_of_one_experiment_have_a_mean() {
-        let row = |name: &str, values: [Value; 4], shown: [&str; 4]| Row {
+        let with = |name: &str, values: [Value; 4], shown: [&str; 4], format| Row {
             name: name.to_owned(),
             values: values.to_vec(),
             shown: shown.map(str::to_owned).to_vec(),
+            format,
         };
+        let row = |name: &str, values, shown| with(name, values, shown, Format::Text);
+        let share = || Format::Metric(proto::task::Spec::built_in()[0].shown()[0].clone());
         let runs = ["runs/a-1", "runs/a-2", "runs/b", "runs/a-3"].map(str::to_owned).to_vec();
         let of = |values: [f64; 4]| values.map(|value| json!(value));
         let configuration = vec![
@@ -189,16 +216,22 @@ mod tests {
         ];
         let figures = vec![
             row("state", ["complete"; 4].map(|state| json!(state)), ["complete"; 4]),
-            row("frames", [3000, 3000, 9, 4500].map(|count| json!(count)), ["3,000", "3,000", "9", "4,500"]),
-            row("stage I: SR", of([0.1, 0.2, 0.9, 0.6]), ["10.0%", "20.0%", "90.0%", "60.0%"]),
-            row("stage I: path (m)", of([0.5, 0.25, 0.9, 0.75]), ["0.500", "0.250", "0.900", "0.750"]),
-            row("wall time", of([60.0, 90.0, 1.0, 120.0]), ["1 min 00 s", "1 min 30 s", "1 s", "2 min 00 s"]),
-            row("II: SR", [json!(0.1), Value::Null, json!(0.2), json!(0.3)], ["10.0%", "–", "20.0%", "30.0%"]),
+            with("frames", [3000, 3000, 9, 4500].map(|count| json!(count)), [""; 4], Format::Count),
+            with("stage I: SR", of([0.1, 0.2, 0.9, 0.6]), [""; 4], share()),
+            with("stage I: path (m)", of([0.5, 0.25, 0.9, 0.75]), [""; 4], Format::Decimals(3)),
+            // The first has no figure's text.
+            with("wall time", of([0.0, 90.0, 1.0, 180.0]), [""; 4], Format::Seconds),
+            with("frames/s, mean", of([1200.0, 1300.0, 1.0, 1100.0]), [""; 4], Format::Rate),
+            with("II: SR", [json!(0.1), Value::Null, json!(0.2), json!(0.3)], [""; 4], share()),
         ];
-        let with_means = Comparison { runs, configuration, figures }.with_means();
+        let with_means = Comparison { runs, configuration, figures, same_episodes: None }.with_means();
         assert_eq!(with_means.runs[4..], ["runs/a, mean of 3"]);
         let shown: Vec<&str> = with_means.figures.iter().map(|row| row.shown[4].as_str()).collect();
-        assert_eq!(shown, ["", "3,500", "30.0%", "0.500", "1 min 30 s", ""]);
+        assert_eq!(shown, ["", "3,500", "30.0%", "0.500", "1 min 30 s", "1,200", ""]);
+        assert_eq!(
+            [&with_means.figures[1], &with_means.configuration[1]].map(|row| &row.values[4]),
+            [&json!(3500.0), &Value::Null]
+        );
         assert_eq!(mean_of(&["runs/one", "runs/other"]), "runs/mean of one, other");
     }
 
@@ -208,6 +241,7 @@ mod tests {
             name: name.to_owned(),
             values: Vec::new(),
             shown: shown.map(str::to_owned).to_vec(),
+            format: Format::Text,
         };
         let runs = ["runs/s/runs/one", "runs/s/runs/two", "runs/s/three"].map(str::to_owned).to_vec();
         let figures = vec![
@@ -217,7 +251,8 @@ mod tests {
             row("stage I: SPL", ["0.10", "0.20", ""]),
             row("stage I: path", ["", NOTHING, ""]),
         ];
-        let comparison = Comparison { runs, configuration: vec![row("seed", ["1", "a\nb", "3"])], figures };
+        let comparison =
+            Comparison { runs, configuration: vec![row("seed", ["1", "a\nb", "3"])], figures, same_episodes: None };
         let whole = [
             "         runs/one  runs/two  three",
             "configuration",

@@ -1,3 +1,4 @@
+use super::figures::Format;
 use proto::config::{Config, Lists, differences as between};
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -10,6 +11,8 @@ pub struct Row {
     pub values: Vec<serde_json::Value>,
     #[serde(skip)]
     pub shown: Vec<String>,
+    #[serde(skip)]
+    pub format: Format,
 }
 
 /// The settings that are not the same in all, by their names. A table that some do not have is one setting.
@@ -37,6 +40,7 @@ fn row(path: &str, values: &[Value]) -> Row {
         name: path.to_owned(),
         values: found.iter().copied().map(json).collect(),
         shown: found.iter().copied().map(text).collect(),
+        format: Format::Text,
     }
 }
 

@@ -62,8 +62,9 @@ pub fn demand_build(environment: &EnvironmentConfig) -> Result<()> {
         Err(error) => return Err(error),
     };
     bail!(
-        "the package `stillroom` that `{}` uses is {found}, and this program, {}, is build {OWN}: install there the wheel \
-         or library that was made with this program",
+        "the package `stillroom` that `{}` uses is {found}, and this program, {}, is build {OWN}: `make python` \
+         installs this program's package, and `--python .venv/bin/python` takes it; elsewhere install the wheel or \
+         library that was made with this program",
         shown(&environment.command),
         std::env::current_exe().unwrap_or_default().display()
     )
@@ -185,7 +186,7 @@ mod tests {
             [(&*format!("echo {other}"), &*format!("is build {other},")), (older, "is an older build,")]
         {
             let problem = of(script).unwrap_err();
-            assert!(problem.contains(found) && problem.contains(own) && problem.contains("install there"), "{problem}");
+            assert!(problem.contains(found) && problem.contains(own) && problem.contains("`make python`"), "{problem}");
         }
     }
 

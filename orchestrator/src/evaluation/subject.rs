@@ -10,9 +10,10 @@ use crate::run::identity::perhaps;
 use crate::wrong::{demand, reject, wrong};
 use anyhow::{Context, Result, anyhow, bail};
 use export::{Policy, PolicyError};
-use proto::config::Config;
+use proto::config::{Config, presets};
 use proto::run_folder::{RolloutName, RunFolder};
 use proto::shell::quoted;
+use proto::task::Image;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -81,6 +82,9 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
             theirs.action_head().outputs()
         ));
     }
+    if theirs.episode.action_space == ours.episode.action_space && shape_of(theirs) != shape_of(ours) {
+        differences.push(format!("task is {}, there {}, of other observations or actions", ours.task, theirs.task));
+    }
     if theirs.normalize.observations != ours.normalize.observations {
         let [ours, theirs] = [ours, theirs].map(|config| config.normalize.observations);
         differences.push(format!("normalize.observations is {ours}, there {theirs}"));
@@ -93,6 +97,16 @@ pub fn network_differences(theirs: &Config, ours: &Config) -> Result<Vec<String>
         ));
     }
     Ok(differences)
+}
+
+/// What a task gives a network, and asks of it.
+fn shape_of(config: &Config) -> impl PartialEq + use<> {
+    let inputs = config.spec().inputs().ok();
+    let shapes = inputs.map(|inputs| {
+        let images: Vec<[usize; 3]> = inputs.images.iter().map(Image::shape).collect();
+        (inputs.frame.is_some(), images, inputs.policy_width(), inputs.width())
+    });
+    (config.action_head().outputs(), config.action_head().is_gaussian(), shapes)
 }
 
 pub fn find(named: &Path) -> Result<Source> {
@@ -108,6 +122,12 @@ pub fn find(named: &Path) -> Result<Source> {
              the run's folder means its newest checkpoint",
             path.display()
         );
+        if let Some(preset) = presets().iter().find(|preset| named.as_os_str() == &*preset.name) {
+            let preset = &preset.name;
+            reject!(
+                "{preset} is a preset, without weights: `orchestrator eval --preset {preset}` evaluates untrained ones"
+            );
+        }
         reject!("{} does not exist{}", path.display(), perhaps(named));
     }
     let is_tensors = path.extension().is_some_and(|kind| kind == "safetensors");
@@ -217,6 +237,9 @@ mod tests {
         let expected = "network.carried_goal is \"goal_to_object\", there \"object_to_goal\" (while the target is held";
         assert!(differences.len() == 1 && differences[0].starts_with(expected), "{differences:?}");
 
+        let of = |preset| Config::resolve(preset, None).unwrap();
+        let differences = network_differences(&of("point-nav-demo"), &of("demo")).unwrap();
+        assert_eq!(differences, ["task is arm_point_nav, there point_nav, of other observations or actions"]);
         // Absolute values are the same with both.
         let cartesian = |mut config: Config| {
             config.network.goal = GoalCoordinates::Cartesian;
@@ -233,6 +256,7 @@ mod tests {
         let checkpoints = run.join("checkpoints");
         std::fs::create_dir_all(&checkpoints).unwrap();
         assert!(find(&run).unwrap_err().to_string().contains("no checkpoint in"));
+        assert!(find("demo".as_ref()).unwrap_err().to_string().contains("`orchestrator eval --preset demo` evaluates"));
         for rollout in [3, 12] {
             std::fs::write(checkpoints.join(format!("rollout-{rollout:08}.json")), manifest(rollout, 0)).unwrap();
             let tensors = checkpoints.join(format!("rollout-{rollout:08}.safetensors"));

@@ -3,6 +3,7 @@ pub use report::format::{NOTHING, count, counted, number, reward};
 use proto::task::Described;
 use recording::Recordings;
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use time::OffsetDateTime;
 
@@ -31,6 +32,12 @@ pub fn recordings(recordings: &Recordings) -> String {
     } else {
         format!("recordings: {files}, {size}; the newest is {newest}")
     }
+}
+
+/// A path as it is typed: relative where it is below the current folder.
+pub fn typed(path: &Path) -> PathBuf {
+    let below = std::env::current_dir().ok().and_then(|here| path.strip_prefix(here).ok().map(Path::to_path_buf));
+    below.filter(|below| !below.as_os_str().is_empty()).unwrap_or_else(|| path.to_path_buf())
 }
 
 /// A duration as its two leading parts: `41 s`, `3 min 20 s`, `2 h 05 min`, `3 d 4 h`.
@@ -112,6 +119,15 @@ pub fn date(unix_s: u64) -> String {
 mod tests {
     use super::*;
     use proto::task::Kind;
+
+    #[test]
+    fn a_path_below_the_current_folder_is_relative() {
+        let here = std::env::current_dir().unwrap();
+        assert_eq!(typed(&here.join("runs/first")), Path::new("runs/first"));
+        for other in [&here, Path::new("/elsewhere/first"), Path::new("runs/first")] {
+            assert_eq!(typed(other), other);
+        }
+    }
 
     #[test]
     fn durations_round_to_whole_seconds_before_they_are_split() {

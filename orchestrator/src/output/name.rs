@@ -31,7 +31,17 @@ pub fn as_called(text: &str) -> Cow<'_, str> {
 fn with_other(text: &str) -> String {
     let mut text = text.to_owned();
     // Help is wrapped, also between a command's words.
-    for (before, after) in [("`", " "), ("`", "\n"), ("\n  ", " ")] {
+    for (before, after) in [
+        ("`", " "),
+        ("`", "\n"),
+        ("\n  ", " "),
+        ("\n    ", " "),
+        ("HOST ", " "),
+        ("<(", " "),
+        ("completions/", "\n"),
+        ("zfunc/_", "\n"),
+        ("/", ".fish"),
+    ] {
         text = text.replace(&format!("{before}{NAME}{after}"), &format!("{before}{OTHER}{after}"));
     }
     text
@@ -66,6 +76,13 @@ mod tests {
         let text = "the orchestrator ended: `orchestrator resume RUN`\nExamples:\n  orchestrator up   trains";
         let other = "the orchestrator ended: `stillroom resume RUN`\nExamples:\n  stillroom up   trains";
         assert_eq!(with_other(text), other);
-        assert_eq!(with_other("as `orchestrator\nscale` does"), "as `stillroom\nscale` does");
+        for text in [
+            "as `orchestrator\nscale` does",
+            "-- \\\n    orchestrator up",
+            "HOST orchestrator top",
+            "<(orchestrator man)",
+        ] {
+            assert_eq!(with_other(text), text.replace(NAME, OTHER));
+        }
     }
 }

@@ -1,5 +1,6 @@
 use super::programs::Tools;
 use super::{Finding, descriptors, device, disk, memory, placement, processor, services, shared_memory, temporary};
+use crate::wrong::judged;
 use anyhow::Result;
 use proto::config::Config;
 use proto::device::Torch;
@@ -27,5 +28,7 @@ pub fn check_all(config: &Config, folder: &Path, torch: Option<&Torch>) -> Vec<(
 }
 
 pub fn demand_all(config: &Config, folder: &RunFolder, tools: &Tools) -> Result<()> {
+    // What is asked for is not there, and will not be there at the next call.
+    judged(device::check(config, &tools.torch).demand())?;
     check_all(config, folder.root(), Some(&tools.torch)).into_iter().try_for_each(|(_, finding)| finding.demand())
 }

@@ -5,7 +5,7 @@ use proto::disk::is_not_offered;
 use proto::stage::total_frames;
 use rustix::fs::statvfs;
 use std::fs::File;
-use std::io::Error;
+use std::io::{Error, ErrorKind};
 use std::path::Path;
 
 /// What must be free beside the checkpoints, bytes: logs, metrics, and the beginning of a recording.
@@ -66,6 +66,13 @@ pub fn check(config: &Config, folder: &Path) -> Finding {
     match room.map_err(Error::from).and_then(|room| try_out(existing).map(|()| room)) {
         Ok(room) => room,
         Err(error) if is_not_offered(&error) => Finding::Problem(format!("{}: {NO_LOCKS}", existing.display())),
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let place = existing.display();
+            Finding::Problem(format!(
+                "{} cannot be made: {place} holds no files. Choose another folder",
+                folder.display()
+            ))
+        }
         Err(error) => Finding::Problem(format!(
             "{} cannot be made: {} cannot be written to ({error}). Choose another folder",
             folder.display(),
@@ -157,5 +164,7 @@ mod tests {
         let demo = Config::resolve("demo", None).unwrap();
         let Finding::Problem(text) = check(&demo, &file.join("run")) else { panic!("a file holds no folder") };
         assert!(text.contains("file cannot be written to (Not a directory"), "{text}");
+        let Finding::Problem(text) = check(&demo, Path::new("/proc/run")) else { panic!("there are no files") };
+        assert_eq!(text, "/proc/run cannot be made: /proc holds no files. Choose another folder");
     }
 }

@@ -9,15 +9,16 @@ use anyhow::{Context, Result, anyhow, ensure};
 use proto::bounded;
 use proto::config::Config;
 use proto::run_folder::write_atomically;
+use proto::run_state::{Ending, RunState};
 use proto::shell::quoted;
 use proto::task::{Described, Kind};
 use report::comparison::Comparison;
 use report::format::{interval, percent};
 use report::statistics::{Estimate, Interval};
-use report::study::Run;
-use report::{FieldResult, GroupReport, Kept, Options, Report};
+use report::study::{Origin, Run};
+use report::{FieldResult, GroupReport, Kept, Options, Report, RunReport};
 use serde_json::json;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::Path;
 use wire::fault;
@@ -63,8 +64,8 @@ fn refused(what: &str, path: &Path) -> String {
 }
 
 /// Makes the report on what was gathered and writes it to `out`: the numbers first, by which the folder is known for a
-/// report, the page last. An older report there is replaced.
-pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report> {
+/// report, the page last. An older report there is replaced. With the settings in which its groups differ.
+pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<(Report, Vec<Row>)> {
     check_free(out)?;
     let Gathered { runs, notes } = gathered;
     let report = Report::of(&runs, options, notes)?;
@@ -82,6 +83,7 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
         counted(runs.len() as u64, "run")
     );
     let has = |of: fn(&Config) -> bool| runs.iter().any(|run| of(&run.config));
+    let differences = between(&report, &runs);
     let data = json!({
         "made": made,
         "program": name::called(),
@@ -90,11 +92,11 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<Report
         "report": report,
         "episodes": episodes,
         "undrawn": undrawn,
-        "differences": between(&report, &runs),
+        "differences": differences,
     });
     fault::reach("report.before_page");
     put(PAGE, &view::page::report(&data.to_string(), &table(&report)))?;
-    Ok(report)
+    Ok((report, differences))
 }
 
 /// The settings in which the groups of a report differ, with the value of each group. Seeds stand elsewhere.
@@ -107,45 +109,91 @@ fn between(report: &Report, runs: &[Run]) -> Vec<Row> {
     rows
 }
 
-/// A row for each result of a group that is over so many seeds at least: the group, which episodes and how many, and the
-/// metrics of its task with their intervals; how these were made, and what a star stands for.
-pub fn rows(report: &Report, least: usize) -> (Vec<Vec<String>>, Vec<String>) {
-    let mut made = BTreeSet::new();
-    let row = |(group, result): (&GroupReport, &FieldResult)| {
-        let metric = |one: &Described| {
+/// A row for each result of a group: the group, which episodes and how many, and the metrics of its task with their
+/// intervals; then how these were made, and what a star stands for.
+pub fn rows(report: &Report) -> (Vec<Vec<String>>, Vec<String>) {
+    let mut made: BTreeMap<Made, (Vec<&str>, BTreeSet<u64>)> = BTreeMap::new();
+    let mut row = |(group, result): (&GroupReport, &FieldResult)| {
+        let (seeds, episodes) = (result.seeds.len() as u64, result.pooled.episodes);
+        let described: Vec<&Described> = report.tasks[&group.task].shown.iter().collect();
+        let mut metrics = Vec::new();
+        for one in described {
+            let Some(metric) = result.metrics.get(&one.name) else { continue };
             let shown = |figure| shown(one, Some(figure));
             let within = interval_of(result, &one.name).map(|(Interval { low, high }, how)| {
-                made.insert(how);
+                let (labels, over) = made.entry(how).or_default();
+                if !labels.contains(&one.label.as_str()) {
+                    labels.push(&one.label);
+                }
+                over.insert(if how == Made::OverSeeds { seeds } else { episodes });
                 format!(" [{}, {}]", shown(low), shown(high))
             });
-            let mean = format::metric(one, Some(result.metrics.get(&one.name)?.mean.point));
-            Some(format!("{} {mean}{}", one.label, within.unwrap_or_default()))
-        };
-        let [seeds, episodes] = [(result.seeds.len() as u64, "seed"), (result.pooled.episodes, "episode")]
-            .map(|(count, of)| counted(count, of));
-        let metrics = report.tasks[&group.task].shown.iter().filter_map(metric);
-        [group.label.clone(), result.name.clone(), seeds, episodes].into_iter().chain(metrics).collect()
+            let mean = format::metric(one, Some(metric.mean.point));
+            metrics.push(format!("{} {mean}{}", one.label, within.unwrap_or_default()));
+        }
+        let runs = group.runs.iter().filter(|run| result.seeds.iter().any(|seed| seed.run == run.name));
+        let seeds = format!("{}{}", counted(seeds, "seed"), unfinished(runs));
+        let first = [group.label.clone(), result.name.clone(), seeds, counted(episodes, "episode")];
+        first.into_iter().chain(metrics).collect()
     };
-    let found = || of_groups(report).filter(|(_, result)| result.seeds.len() >= least);
-    let rows = found().map(row).collect();
-    let starred = found().map(|(group, _)| group).filter(|group| group.label.contains('*'));
+    let rows = of_groups(report).map(&mut row).collect();
+    let starred = of_groups(report).map(|(group, _)| group).filter(|group| group.label.contains('*'));
     let other = |GroupReport { label, preset, differences, .. }: &GroupReport| {
         format!("{label} is the preset {preset} with {}", differences.join("; "))
     };
     let other: BTreeSet<String> = starred.map(other).collect();
-    (rows, made.into_iter().map(|how| format!("in brackets: {how}")).chain(other).collect())
+    let ways = made.iter().map(|(how, (labels, over))| format!("{}: {}", labels.join(", "), how.text(over)));
+    let ways = ways.collect::<Vec<_>>().join("; ");
+    let ways = (!ways.is_empty()).then(|| format!("in brackets, 95% intervals. {ways}"));
+    (rows, ways.into_iter().chain(other).collect())
 }
 
-/// The interval of a mean, and how it was made. Those over episodes say nothing of other seeds.
-fn interval_of(result: &FieldResult, name: &str) -> Option<(Interval, &'static str)> {
-    let over_seeds =
-        result.metrics.get(name)?.mean.interval.map(|interval| (interval, "95% interval of a bootstrap over seeds"));
-    let of_rate =
-        || result.rates.get(name).map(|rate| (rate.interval, "Wilson's 95% interval over these episodes alone"));
-    let of_mean = || {
-        result.intervals.get(name).map(|interval| (*interval, "95% interval of a bootstrap over these episodes alone"))
-    };
-    over_seeds.or_else(of_rate).or_else(of_mean)
+/// The states of runs that are not complete, in brackets; nothing where all are.
+pub fn unfinished<'a>(runs: impl Iterator<Item = &'a RunReport>) -> String {
+    let (mut all, mut states) = (0, Vec::new());
+    for run in runs {
+        all += 1;
+        if let Origin::Run(state) = &run.state
+            && *state != RunState::Ended(Ending::Complete)
+        {
+            states.push(format!("{state} at {} of {} frames", format::count(run.frames), format::count(run.budget)));
+        }
+    }
+    match states.as_slice() {
+        [] => String::new(),
+        [one] if all == 1 => format!(" ({one})"),
+        some => format!(" ({} of them not complete: {})", some.len(), some.join(", ")),
+    }
+}
+
+/// How an interval was made. Those over episodes say nothing of other seeds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Made {
+    OverSeeds,
+    OfShare,
+    OfMean,
+}
+
+impl Made {
+    fn text(self, over: &BTreeSet<u64>) -> String {
+        let of = if self == Self::OverSeeds { "seeds" } else { "episodes" };
+        let counts = over.iter().map(|&count| format::count(count)).collect::<Vec<_>>().join(" or ");
+        match self {
+            Self::OverSeeds if over.contains(&2) => {
+                format!("bootstrap over {counts} {of}, too narrow where there are two")
+            }
+            Self::OverSeeds => format!("bootstrap over {counts} {of}"),
+            Self::OfShare => format!("Wilson's over {counts} {of} alone"),
+            Self::OfMean => format!("bootstrap over {counts} {of} alone"),
+        }
+    }
+}
+
+fn interval_of(result: &FieldResult, name: &str) -> Option<(Interval, Made)> {
+    let over_seeds = result.metrics.get(name)?.mean.interval.map(|interval| (interval, Made::OverSeeds));
+    let of_share = || result.rates.get(name).map(|rate| (rate.interval, Made::OfShare));
+    let of_mean = || result.intervals.get(name).map(|interval| (*interval, Made::OfMean));
+    over_seeds.or_else(of_share).or_else(of_mean)
 }
 
 fn of_groups(report: &Report) -> impl Iterator<Item = (&GroupReport, &FieldResult)> {
@@ -209,11 +257,20 @@ mod tests {
 
     #[test]
     fn the_terminal_has_each_metric_and_says_what_a_star_is() {
-        let report =
-            Report::of(&[run("a", 1, 0.3, &[false]), run("b", 2, 0.3, &[false])], &Options::default(), Vec::new())
-                .unwrap();
-        let (rows, said) = rows(&report, 1);
+        let runs = [("a", 1), ("b", 2)].map(|(name, seed)| run(name, seed, 0.3, &[false]));
+        let runs = runs.map(|run| Run { origin: Origin::NotGiven, ..run });
+        let report = Report::of(&runs, &Options::default(), Vec::new()).unwrap();
+        let (rows, said) = rows(&report);
         assert_eq!(rows[0][0], "demo*");
+        assert_eq!(said[0], "in brackets, 95% intervals. SR, SRwoD: Wilson's over 2 episodes alone");
+        let over = |seeds: &[u64]| Made::OverSeeds.text(&seeds.iter().copied().collect());
+        assert_eq!(over(&[2]), "bootstrap over 2 seeds, too narrow where there are two");
+        assert_eq!(over(&[5, 3]), "bootstrap over 3 or 5 seeds");
+        let mut begun = report.groups[0].runs.clone();
+        begun[0].state = Origin::Run(RunState::CutOff);
+        assert_eq!(unfinished(begun[..1].iter()), " (cut off at 0 of 420,000 frames)");
+        assert_eq!(unfinished(begun.iter()), " (1 of them not complete: cut off at 0 of 420,000 frames)");
+        assert_eq!(unfinished(begun[1..].iter()), "");
         assert!(rows[0].iter().any(|cell| cell.starts_with("disturbance 0.000 m")), "{rows:?}");
         assert!(said.contains(&"demo* is the preset demo with ppo.clip = 0.3".to_owned()), "{said:?}");
     }

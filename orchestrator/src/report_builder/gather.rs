@@ -21,6 +21,9 @@ use std::path::{Path, PathBuf};
 
 const DEPTH: usize = 3;
 
+/// Of weights.
+const DIGITS: usize = 12;
+
 pub struct Gathered {
     pub runs: Vec<Run>,
     pub notes: Vec<String>,
@@ -91,10 +94,9 @@ pub fn gather(paths: &[PathBuf], named: &[PathBuf]) -> Result<Gathered> {
         let one = one.alone();
         match alone.iter_mut().find(|known| same_run(known, &one)) {
             Some(known) => {
-                // What they have in common is their run.
-                if let Some(run) = known.evaluations[0].result.subject.run.clone() {
-                    known.name = run;
-                }
+                // What they have in common is their run, or their weights.
+                let Subject { run, checkpoint, weights, .. } = known.evaluations[0].result.subject.clone();
+                known.name = run.or(checkpoint).unwrap_or_else(|| weights.chars().take(DIGITS).collect());
                 known.evaluations.extend(one.evaluations);
             }
             None => alone.push(one),
@@ -351,9 +353,8 @@ mod tests {
             let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
             let seed = &report.groups[0].results[0].seeds[0];
             assert_eq!((seed.evaluation.as_str(), seed.frames), ("b-new", 900));
-            let left_out = report.notes.iter().find(|note| note.contains("older ones are left out"));
-            assert!(left_out.is_some_and(|note| note.contains("a-old of ")), "{:?}", report.notes);
-            assert!(left_out.is_some_and(|note| note.contains("after 400 frames.")), "{:?}", report.notes);
+            let left_out = report.notes.iter().find(|note| note.contains("Left out: a-old of "));
+            assert!(left_out.is_some_and(|note| note.ends_with("after 400 frames, 1 episode.")), "{:?}", report.notes);
         }
         // Of a policy file no run is known; that there was one is.
         evaluate(&at("file"), Split::Test, None, "c");
@@ -363,7 +364,7 @@ mod tests {
         let gathered = gather(&[at("of/a-old")]).unwrap();
         let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();
         assert_eq!(report.groups[0].results[0].seeds[0].frames, 400);
-        assert!(!report.notes.iter().any(|note| note.contains("left out")));
+        assert!(!report.notes.iter().any(|note| note.contains("Left out")));
         // What its run trained is not known here, which is not that it trained nothing.
         assert_eq!(report.groups[0].runs[0].frames, 400);
         assert_eq!(report.groups[0].runs[0].state, Origin::NotGiven);
@@ -422,6 +423,7 @@ mod tests {
             gathered.runs.iter().map(|run| (&run.origin, run.evaluations.len())).collect();
         assert_eq!(origins, [(&Origin::Untrained, 2), (&Origin::Unknown, 2)]);
         assert_eq!(groups(&gathered.runs).unwrap().len(), 2);
+        assert_eq!(gathered.runs[0].name, "a".repeat(12), "not the folder of one of them");
         // The training of these weights is unknown, so they match no row of the paper, and the report says so.
         assert!(rows(&gathered).is_empty(), "{:?}", rows(&gathered));
         let report = Report::of(&gathered.runs, &Options::default(), Vec::new()).unwrap();

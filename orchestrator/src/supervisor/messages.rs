@@ -1,6 +1,8 @@
 use super::event::{Exit, Process};
 use crate::output::log_line::{LogLine, error_in};
 use proto::actor_notes::LastPlace;
+use proto::shell::quoted;
+use std::path::Path;
 use std::time::Duration;
 use tracing::Level;
 
@@ -88,6 +90,11 @@ pub fn of_environment(text: &str) -> Option<&str> {
 /// An environment's error that has come again where it came before: its seed and actions lead there at every start.
 pub fn environment_fails(who: &str, error: &str) -> String {
     format!("{who} died twice of the same error: {error}; mend the environment, then `orchestrator resume RUN`")
+}
+
+/// The same text with the run's folder, which the machine does not know.
+pub fn with_folder(text: &str, run: &Path) -> String {
+    text.replace("`orchestrator resume RUN`", &format!("`orchestrator resume {}`", quoted(run)))
 }
 
 pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[String]) -> String {

@@ -4,6 +4,7 @@ use proto::config::StageConfig;
 use proto::event::Timing;
 use proto::metric;
 use proto::stage::total_frames;
+use proto::task::Spec;
 use proto::trained::{History, Trained};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,6 +29,11 @@ impl EpisodeMeans {
     pub fn with_return(&self) -> BTreeMap<String, f64> {
         let with_name = |mean_return| (metric::RETURN.to_owned(), mean_return);
         self.figures.clone().into_iter().chain(self.mean_return.map(with_name)).collect()
+    }
+
+    /// With the quotients that tables show, for readers that compute none.
+    fn with_quotients(self, task: &Spec) -> Self {
+        Self { figures: task.with_quotients(self.figures), ..self }
     }
 
     pub fn over<'a>(rollouts: &(impl Iterator<Item = &'a Trained> + Clone)) -> Self {
@@ -68,6 +74,14 @@ pub struct StageMeans {
     /// Over the last tenth of its budget; of a stage that has not got there over its newest frames, as many. Over the whole
     /// stage where no episode ended there.
     pub last_tenth: EpisodeMeans,
+}
+
+impl StageMeans {
+    pub fn with_quotients(self, task: &Spec) -> Self {
+        let [whole, first_tenth, last_tenth] =
+            [self.whole, self.first_tenth, self.last_tenth].map(|means| means.with_quotients(task));
+        Self { whole, first_tenth, last_tenth, ..self }
+    }
 }
 
 /// A rollout, and how many frames of its stage come before it and before the next one.
@@ -134,6 +148,8 @@ pub struct Recent {
     pub frames: u64,
     pub budget: u64,
     pub stage: Option<usize>,
+    #[serde(default)]
+    pub stage_name: Option<String>,
     pub frames_per_s: Option<f64>,
     pub simulate: f64,
     pub infer: f64,
@@ -143,6 +159,12 @@ pub struct Recent {
     /// Over the newest tenth of the newest rollout's stage, as in [`StageMeans::last_tenth`]: one quantity has one
     /// figure, wherever it is shown.
     pub episodes: EpisodeMeans,
+}
+
+impl Recent {
+    pub fn with_quotients(self, task: &Spec) -> Self {
+        Self { episodes: self.episodes.with_quotients(task), ..self }
+    }
 }
 
 /// The mean over all rollouts, updates included.
@@ -171,6 +193,7 @@ pub fn recent(stages: &[StageConfig], history: &History, at_rest: bool) -> Recen
         frames,
         budget,
         stage,
+        stage_name: stage.and_then(|stage| stages.get(stage)).map(|stage| stage.name.clone()),
         frames_per_s,
         simulate: share(sum(|timing| timing.simulate_s)),
         infer: share(sum(|timing| timing.infer_s)),
@@ -219,6 +242,20 @@ pub mod tests {
             });
         }
         history
+    }
+
+    #[test]
+    fn a_reader_of_the_files_finds_what_tables_compute() {
+        let means = |success| EpisodeMeans {
+            figures: [("success", success), ("disturbance_m", 0.5)].map(|(name, mean)| (name.to_owned(), mean)).into(),
+            ..EpisodeMeans::default()
+        };
+        let task = &Spec::built_in()[0];
+        let stage = StageMeans { last_tenth: means(0.25), ..by_stage(&stages(), &history(10)).remove(0) };
+        let figures = stage.with_quotients(task).last_tenth.figures;
+        assert_eq!(figures.get("disturbance_per_success_m"), Some(&2.0));
+        let recent = Recent { episodes: means(0.0), ..recent(&stages(), &history(30), true) }.with_quotients(task);
+        assert_eq!((recent.episodes.figures.len(), recent.stage_name.as_deref()), (2, Some("II")));
     }
 
     #[test]

@@ -99,7 +99,10 @@ impl Summary {
             frames,
             budget,
             weights: weights.to_owned(),
-            stages: by_stage(&config.stages, history),
+            stages: by_stage(&config.stages, history)
+                .into_iter()
+                .map(|stage| stage.with_quotients(config.spec()))
+                .collect(),
             lost_rollouts: lost_rollouts(history),
             training_s,
             frames_per_s: if training_s > 0.0 { frames as f64 / training_s } else { 0.0 },

@@ -31,6 +31,8 @@ pub struct Field {
     pub source: Source,
     /// Of the best checkpoint by the run's own validation instead of the newest one.
     pub best: bool,
+    /// With the most probable action in each step, not a sampled one.
+    pub deterministic: bool,
 }
 
 impl Field {
@@ -48,15 +50,19 @@ impl Field {
         ];
         let sets = [ObjectSet::Novel, ObjectSet::Seen, ObjectSet::NoTargets];
         let newest = places.into_iter().flat_map(move |(split, source)| sets.map(|set| Self::new(split, set, source)));
-        newest.flat_map(|field| [field, field.of_best()])
+        newest.flat_map(|field| [field, field.of_best()]).flat_map(|field| [field, field.of_most_probable()])
     }
 
     pub(crate) const fn new(split: Split, objects: ObjectSet, source: Source) -> Self {
-        Self { split, objects, source, best: false }
+        Self { split, objects, source, best: false, deterministic: false }
     }
 
     pub(crate) const fn of_best(self) -> Self {
         Self { best: true, ..self }
+    }
+
+    pub(crate) const fn of_most_probable(self) -> Self {
+        Self { deterministic: true, ..self }
     }
 
     /// `test, novel objects`, or `test, novel objects, drawn episodes`
@@ -71,7 +77,8 @@ impl Field {
             ObjectSet::NoTargets => String::new(),
             objects => format!(", {} objects", objects.name()),
         };
-        format!("{}{objects}{drawn}{best}", self.place())
+        let how = if self.deterministic { ", deterministic" } else { "" };
+        format!("{}{objects}{how}{drawn}{best}", self.place())
     }
 
     /// `test-novel`, `test-novel-drawn` or `test-novel-best`, `test` without targets, for file names.
@@ -86,7 +93,8 @@ impl Field {
             ObjectSet::NoTargets => String::new(),
             objects => format!("-{}", objects.name()),
         };
-        format!("{}{objects}{drawn}{best}", self.place())
+        let how = if self.deterministic { "-deterministic" } else { "" };
+        format!("{}{objects}{how}{drawn}{best}", self.place())
     }
 
     fn place(self) -> &'static str {

@@ -111,16 +111,16 @@ impl Evaluated {
 
     pub(crate) fn episodes_in(&self, field: Field) -> impl Iterator<Item = &EpisodeRecord> {
         let conditions = &self.result.conditions;
-        let in_field =
-            conditions.split == field.split && Source::of(conditions) == field.source && self.of_best() == field.best;
+        let in_field = conditions.split == field.split
+            && Source::of(conditions) == field.source
+            && (self.of_best(), conditions.deterministic) == (field.best, field.deterministic);
         self.episodes.iter().filter(move |record| in_field && record.is_in(field.objects))
     }
 }
 
 impl Run {
     /// The evaluation that represents this run in a field: of the newest checkpoint that was evaluated there, by
-    /// frames; of that with sampled actions before the most probable ones, then the one with the most episodes, then
-    /// the newest.
+    /// frames; of that the one with the most episodes, then the newest.
     pub(crate) fn evaluation_in(&self, field: Field) -> Option<&Evaluated> {
         self.ranked_in(field).into_iter().next()
     }
@@ -128,9 +128,8 @@ impl Run {
     /// All of them, that which counts first.
     pub(crate) fn ranked_in(&self, field: Field) -> Vec<&Evaluated> {
         let rank = |evaluated: &&Evaluated| {
-            let sampled = !evaluated.result.conditions.deterministic;
             let frames = evaluated.result.subject.frames;
-            (frames, sampled, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
+            (frames, evaluated.episodes_in(field).count(), evaluated.result.cost.at_unix_s)
         };
         let mut ranked: Vec<&Evaluated> = self.evaluations_in(field).collect();
         // The last of equals first.
@@ -139,12 +138,7 @@ impl Run {
         ranked
     }
 
-    pub(crate) fn older_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
-        let newest = self.evaluation_in(field).map_or(0, |evaluated| evaluated.result.subject.frames);
-        self.evaluations_in(field).filter(move |evaluated| evaluated.result.subject.frames < newest)
-    }
-
-    fn evaluations_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
+    pub(crate) fn evaluations_in(&self, field: Field) -> impl Iterator<Item = &Evaluated> {
         self.evaluations.iter().filter(move |evaluated| evaluated.episodes_in(field).next().is_some())
     }
 }

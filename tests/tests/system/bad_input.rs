@@ -98,6 +98,10 @@ const TYPED: &[(&str, &str)] = &[
     ("eval --preset demo --kitchens 5000..9000", "--kitchens 5000..9000: must be at most 1000 kitchens"),
     ("eval runs/../nowhere", ": runs/../nowhere does not exist"),
     ("up --preset demo --from runs/a", "runs/a holds another network"),
+    ("up --preset point-nav-demo --from runs/a --run c", "arm_point_nav, this run of point_nav: their networks differ"),
+    ("eval demo", "`orchestrator eval --preset demo` evaluates untrained ones"),
+    ("logs runs/a --process actor-77", "runs/a holds no log of actor-77"),
+    ("config runs/a", "`orchestrator config --of runs/a` prints that of a run"),
     ("up --preset demo --frames 1", "--frames 1 cannot be divided over 2 stages"),
     ("up --preset demo --hosts 2 --host-rank 0 --rendezvous 127.0.0.1:29400 --run b", "cannot share 1 learner"),
     ("up --preset demo --hosts 2 --host-rank 0 --rendezvous 127.0.0.1:29400", "several hosts need --run DIR"),
@@ -147,7 +151,7 @@ const TYPED: &[(&str, &str)] = &[
     ("up --preset demo --run policy.json", "policy.json is a file, or below one: choose another folder"),
     ("up --preset demo --run runs/a", "for another run choose another folder"),
     ("config --of nowhere", "nowhere does not exist"),
-    ("resume runs/a --frames 60", "frames already, and a budget cannot take them back"),
+    ("resume runs/a --frames 60", "frames already, and a budget of 60 cannot take them back"),
     ("config demo --set task=pick", "tasks: arm_point_nav, point_nav"),
     ("config demo --config mine.yaml", "it must be TOML"),
     ("config demo --config lr.toml", "lr.toml:2: unknown key `lr`; here it is `ppo.learning_rate=RATE`"),
@@ -222,6 +226,7 @@ fn what_a_newcomer_types() {
         let expected = if ["eval bare", "up --env-command true"].contains(&&*typed.join(" ")) { 1 } else { 2 };
         assert_eq!(printed.status, Some(expected), "{typed:?}");
     }
+    assert!(!workshop.path("c").exists(), "what is refused leaves no folder");
     // The newest run, which has trained nothing, has nothing to evaluate.
     std::fs::create_dir(workshop.path("runs/fresh")).unwrap();
     std::fs::copy(run.config(), workshop.path("runs/fresh/config.toml")).unwrap();

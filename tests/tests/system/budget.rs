@@ -19,7 +19,7 @@ fn a_complete_run_trains_on_to_a_larger_budget() {
     let short = complete(workshop.up("run", 1, 3, 2000)).result();
     assert_eq!(stages(&workshop, "run"), [809, 1191]);
 
-    complete(resume_to(&workshop, "run", 1999)).refused("the run has trained 2000 frames already");
+    complete(resume_to(&workshop, "run", 1999)).refused("the run has 2,000 frames already");
     assert_eq!(complete(resume_to(&workshop, "run", 2000)).result(), short, "it has that budget");
     assert_eq!(workshop.call(&["status", "run", "--json"]).json()["state"], "complete");
 

@@ -195,7 +195,7 @@ fn a_run_in_scenes_of_its_own_is_evaluated_there() {
     workshop.assert_replays("there");
 
     let report = workshop.call(&["report", "run", "there", "--out", "report"]).good();
-    assert!(report.stderr.contains("Figures of drawn episodes at short distances"), "{report:#?}");
+    assert!(report.stderr.contains("figures of drawn episodes at short distances"), "{report:#?}");
     let numbers = workshop.json("report/report.json");
     assert_eq!(numbers["groups"][0]["results"][0]["field"], "scenes-seen");
 

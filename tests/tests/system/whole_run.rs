@@ -52,7 +52,10 @@ fn the_demonstration_ends_with_a_test_that_its_report_shows() {
     assert_eq!(printed.result().1, 60, "the last lines of standard output are the run's");
     assert!(printed.stderr.contains("30 episodes"), "{printed:#?}");
     let report = workshop.call(&["report", "demo"]);
-    assert!(report.stdout.contains("in brackets: Wilson's 95% interval over these episodes alone\n"), "{report:#?}");
+    assert!(
+        report.stdout.contains("in brackets, 95% intervals. SR, SRwoD: Wilson's over 30 episodes alone\n"),
+        "{report:#?}"
+    );
     assert!(!report.stdout.contains("1 group"), "one run is one group: {report:#?}");
     assert!(
         report.stdout.starts_with("demo  test, novel objects, drawn episodes  1 seed  30 episodes  SR "),

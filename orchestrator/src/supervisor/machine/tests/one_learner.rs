@@ -59,6 +59,8 @@ fn a_crash_loop_ends_the_run_in_order_and_names_the_culprit() {
         );
         assert_eq!(reason, expected);
     }
+    let named = crate::supervisor::messages::with_folder(slow, "my runs/a".as_ref());
+    assert!(named.ends_with("then `orchestrator resume 'my runs/a'`"), "{named}");
 }
 
 #[test]
