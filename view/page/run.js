@@ -124,7 +124,7 @@ function results({ results: { heads, rows, intervals, figures: further }, card }
     h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Results" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head)))),
       h("tbody", {}, shown.map((one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes), "episodes"), one.cells.map((text, at) => cell(text, heads[at][0], !one.filter && isSame(one, all) && intervals[at]))))))),
-    ways.length ? h("p", { class: "small soft" }, `Beneath a figure: its 95% interval over these episodes, ${ways.join(" or ")}.`) : null,
+    ways.length ? h("p", { class: "small soft" }, `Beneath a figure: ${ways.join(" or ")} 95% interval over these episodes.`) : null,
     h("dl", { class: "figures further" }, further.map(([name, value, doc]) => h("div", { title: doc }, h("dt", {}, name), h("dd", {}, value)))));
 }
 

@@ -443,7 +443,7 @@ export class Stage {
     this.drawn = new Promise((resolve) => { this.orbit = new OrbitView(this, (camera) => this.turned?.(camera), resolve); });
     this.depth = framed(h("canvas", { class: "depth", width: 224, height: 224, role: "img" }), "picture");
     const black = number(episode.black_m, 1);
-    this.scale = h("div", { class: "legend small soft" }, h("span", {}, "0 m ", h("span", { class: "swatch depths" }), ` ${black} m`));
+    this.scale = h("div", { class: "legend small soft" }, h("span", {}, "0 m ", h("span", { class: "swatch depths" }), ` ${black} m or more`));
     this.plan = new PlanView(this);
     this.words = h("div", { class: "row" });
     this.parts = h("div", {});

@@ -91,7 +91,7 @@ fn write(canvas: &mut Canvas, side: usize, (task, black_mm): (&Task, u16), capti
     canvas.text_within(&captions.measures, text_px, left, line(3.0), FAINT);
     // What each view is, and what its colours stand for.
     let (mut at, small_px) = ((side + GAP) as f32, 0.8 * text_px);
-    let depth = format!("what the robot sees (depth): white 0 m, black {:.1} m", f32::from(black_mm) / 1000.0);
+    let depth = format!("what the robot sees (depth): white 0 m, black {:.1} m or more", f32::from(black_mm) / 1000.0);
     canvas.text(&depth, small_px, left, line(4.0), FAINT);
     let signs = [
         ("target", TARGET, task.target.is_some()),
@@ -193,23 +193,23 @@ mod tests {
             ..Captions::default()
         };
         let mut task = Task { target: None, goal: None, goal_tolerance_m: 0.1, title: "Kitchen 26".to_owned() };
-        write(&mut canvas, 448, &task, &captions);
+        write(&mut canvas, 448, (&task, 5_000), &captions);
         let has = |canvas: &Canvas, colours: &[Rgb]| colours.iter().all(|colour| canvas.pixels.contains(colour));
         assert!(has(&canvas, &[INK, BAD, FAINT, DISPLACED]) && !has(&canvas, &[GOOD]));
         // A success has another colour than a failed action.
         let mut success = Canvas::new(width, height, PAPER);
         let captions = Captions { remarks: vec![("goal success".to_owned(), true)], ..Captions::default() };
-        write(&mut success, 448, &task, &captions);
+        write(&mut success, 448, (&task, 5_000), &captions);
         assert!(has(&success, &[GOOD]) && !has(&success, &[BAD]));
         assert!(!has(&canvas, &[TARGET]) && !has(&canvas, &[GOAL]), "explains what this task has not");
         (task.target, task.goal) = (Some(0), Some(Vec3::ZERO));
-        write(&mut canvas, 448, &task, &captions);
+        write(&mut canvas, 448, (&task, 5_000), &captions);
         assert!(has(&canvas, &[TARGET, GOAL]), "does not explain its colours");
         let below = &canvas.pixels[(height - 448) * width..];
         assert!(below.iter().all(|pixel| *pixel == PAPER), "captions reach into the views");
         let mut long = Canvas::new(width, height, PAPER);
         let captions = Captions { measures: "goal 1.00 m, ".repeat(20), ..Captions::default() };
-        write(&mut long, 448, &task, &captions);
+        write(&mut long, 448, (&task, 5_000), &captions);
         let at_the_edge = long.pixels.chunks_exact(width).flat_map(|row| &row[width - 4..]);
         assert!(at_the_edge.copied().all(|pixel| pixel == PAPER), "what is long ends before the edge");
     }

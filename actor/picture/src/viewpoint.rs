@@ -15,7 +15,7 @@ const PITCHES: [f32; 4] = [0.75, 0.6, 1.05, 1.3];
 const PREFERENCE: f32 = 0.06;
 /// What a picture loses, in the same share: for a metre more of radius, and where all of it lies beyond the room.
 const FARTHER: f32 = 0.05;
-const BARE: f32 = 0.15;
+const BARE: f32 = 0.4;
 /// Room between the points and each edge of the picture, as a share of it, and around each point, metres.
 const MARGIN: f32 = 0.12;
 const MARGIN_M: f32 = 0.05;

@@ -251,7 +251,10 @@ mod tests {
         old.set_modified(SystemTime::UNIX_EPOCH).unwrap();
         write("b.mp4");
         write("a.png");
-        assert_eq!(names_since(folder.path(), SystemTime::UNIX_EPOCH + Duration::from_secs(1)), ["  a.png (animated: open in a browser)", "  b.mp4"]);
+        assert_eq!(
+            names_since(folder.path(), SystemTime::UNIX_EPOCH + Duration::from_secs(1)),
+            ["  a.png (animated: open in a browser)", "  b.mp4"]
+        );
         (0..NAMES_MOST).for_each(|number| drop(write(&format!("{number:02}.mp4"))));
         let names = names_since(folder.path(), SystemTime::UNIX_EPOCH);
         assert_eq!((names.len(), names[10].as_str()), (11, "  and 3 more"));

@@ -66,12 +66,7 @@ fn refused(what: &str, path: &Path) -> String {
 /// Makes the report on what was gathered and writes it to `out`: the numbers first, by which the folder is known for a
 /// report, the page last. An older report there is replaced. With the settings in which its groups differ. `subject`: the one
 /// folder that it is of.
-pub fn write(
-    gathered: Gathered,
-    options: &Options,
-    subject: Option<&Path>,
-    out: &Path,
-) -> Result<(Report, Vec<Row>)> {
+pub fn write(gathered: Gathered, options: &Options, subject: Option<&Path>, out: &Path) -> Result<(Report, Vec<Row>)> {
     check_free(out)?;
     let Gathered { runs, notes } = gathered;
     let report = Report::of(&runs, options, notes)?;
