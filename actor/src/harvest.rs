@@ -326,7 +326,7 @@ impl<'a> Telling<'a> {
             for &kind in &self.setup.pictures {
                 let from = match kind {
                     PictureKind::Robot => Standpoint::Robot,
-                    PictureKind::Outside => Standpoint::Outside(scene.best(&self.drawn)),
+                    PictureKind::Outside => Standpoint::Outside(scene.best(&self.drawn, 1.0)),
                 };
                 let photograph = |moment| scene.photograph(moment, &from, side).pixels.into_flattened();
                 let frames = self.drawn.iter().map(photograph).collect();

@@ -117,7 +117,7 @@ fn perform(
         anyhow::Ok(())
     })?;
     if let (Some(film), Some(images)) = (film, images) {
-        verdict.images = film.develop(images, rules, &outcome, environment.base(), camera, drawn)?;
+        (verdict.images, verdict.film) = film.develop(images, rules, &outcome, environment.base(), camera, drawn)?;
     }
     Ok(verdict)
 }

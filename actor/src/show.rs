@@ -31,6 +31,10 @@ const KITCHENS: usize = 4;
 const RADIUS_M: (f32, f32) = (0.1, 20.0);
 const PITCH_RAD: (f32, f32) = (-0.2, 1.57);
 const SIDE_MIN: u32 = 8;
+/// Height of the page's picture of the room, as a share of its width.
+const PAGE_TALL: f32 = 0.75;
+/// What is nearer to its place than this stands there, metres.
+const STILL_M: f32 = 0.0005;
 
 pub fn run(input: impl BufRead, mut output: impl Write) -> Result<()> {
     let mut in_use = KitchensInUse::default();
@@ -125,8 +129,8 @@ impl KitchensInUse {
         let goal_tolerance_m = task.goal_tolerance_m;
         let figures = rules.spec.metrics.iter().zip(metrics);
         let scene = Scene::new(Arc::clone(&kitchen), task, &moments);
-        let frame = scene.frame;
-        let Orbit { centre, radius_m, yaw_rad, pitch_rad } = scene.best(&moments);
+        let (frame, black_mm) = (scene.frame, scene.black_mm);
+        let Orbit { centre, radius_m, yaw_rad, pitch_rad } = scene.best(&moments, PAGE_TALL);
         let camera = DepthCamera::new(kitchen.bodies());
         self.kept.retain(|kept| kept.name != name);
         if self.kept.len() >= KEPT {
@@ -142,6 +146,7 @@ impl KitchensInUse {
             orbit: ShowOrbit { centre_m: centre.into(), radius_m, yaw_rad, pitch_rad },
             plan_centre_m: [frame.centre.x, frame.centre.z],
             plan_half_width_m: frame.half_width_m,
+            black_m: f32::from(black_mm) / 1000.0,
             moments: shown,
             things,
             compared: verdict.compared,
@@ -238,27 +243,32 @@ impl Telling {
     fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
         let target = picture::target(rules.spec, environment, seen.record);
         let poses = environment.simulation().things().poses();
-        let mut moved = Vec::new();
+        let kitchen = environment.kitchen();
+        let category = |thing: usize| kitchen.bodies()[kitchen.movable_bodies()][thing].category.clone();
+        let (mut moved, mut nearly) = (Vec::new(), (STILL_M, None));
         for (thing, (origin, pose)) in self.origins.iter().zip(poses).enumerate() {
             let way = pose.translation - *origin;
-            if Some(thing) == target || !is_displaced(*origin, pose.translation) {
+            if Some(thing) == target {
+                continue;
+            }
+            if !is_displaced(*origin, pose.translation) {
+                nearly = if way.length() > nearly.0 { (way.length(), Some(thing)) } else { nearly };
                 continue;
             }
             let number = *self.listed[thing].get_or_insert_with(|| {
-                let kitchen = environment.kitchen();
-                let category = kitchen.bodies()[kitchen.movable_bodies()][thing].category.clone();
-                self.things.push(ShownThing { category, stood_m: [origin.x, origin.z] });
+                self.things.push(ShownThing { category: category(thing), stood_m: [origin.x, origin.z] });
                 self.things.len() as u32 - 1
             });
             moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
         }
-        self.shown.push(shown(rules, seen, moved));
+        let nearly = nearly.1.map(|thing| (category(thing), nearly.0));
+        self.shown.push(ShownMoment { moved, nearly, ..shown(rules, seen) });
         self.moments.push(moment(environment, Captions::default()));
         seen.record.clone_into(&mut self.record);
     }
 }
 
-fn shown(rules: &Rules, seen: &Seen, moved: Vec<(u32, f32, [f32; 2])>) -> ShownMoment {
+fn shown(rules: &Rules, seen: &Seen) -> ShownMoment {
     let acted = seen.rewards.is_some();
     let channels = rules.spec.channels.iter().zip(&rules.spec.layout().fields);
     let channels = channels.filter(|(channel, _)| !channel.is_bulk() && (acted || !channel.is_of_action()));
@@ -270,7 +280,7 @@ fn shown(rules: &Rules, seen: &Seen, moved: Vec<(u32, f32, [f32; 2])>) -> ShownM
         action: picture::action_name(rules.spec, seen.record).filter(|_| acted).map(str::to_owned),
         channels: channels.map(|(channel, field)| (channel.name.clone(), numbers(field))).collect(),
         rewards: rewards.chain(own).collect(),
-        moved,
+        ..ShownMoment::default()
     }
 }
 

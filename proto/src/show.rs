@@ -93,6 +93,8 @@ pub struct ShownEpisode {
     pub plan_centre_m: [f32; 2],
     /// Half of the floor plan's width, metres.
     pub plan_half_width_m: f32,
+    /// What is as far away is black in the robot's view, metres.
+    pub black_m: f32,
     /// The start, and what was there after each action.
     pub moments: Vec<ShownMoment>,
     /// Things that any moment names as moved.
@@ -138,6 +140,8 @@ pub struct ShownMoment {
     pub rewards: BTreeMap<String, f32>,
     /// What is not where it stood: number in [`ShownEpisode::things`], how far (metres), and where it is now (x, z).
     pub moved: Vec<(u32, f32, [f32; 2])>,
+    /// Of what is displaced too little for that, what is displaced most: its category and how far, metres.
+    pub nearly: Option<(String, f32)>,
 }
 
 impl ShownMoment {

@@ -118,6 +118,13 @@ fn of_one_seed_nothing_is_said_of_seeds_and_each_stage_has_its_figures() {
     assert!(card.as_str().is_some_and(|card| !card.contains("Wilson")), "{card}");
     assert_eq!(browser.value("document.querySelector('.report .grid + p').innerText.includes(\"Wilson's\")"), true);
     // All say one and the same return.
+    // Its heading is the run's name; what the figures are is said, and a chart ends where nothing changes any more.
+    assert_eq!(
+        browser.value(
+            "[document.querySelector('h1').textContent, document.querySelector('.figures [title]').title !== '']"
+        ),
+        json!(["disturb-two-stage-1", true])
+    );
     let shown = "document.querySelector('[data-figure=\"episode/return\"] output').textContent";
     assert_eq!(browser.value(shown), "8.11 · newest tenth");
     let rate = "document.querySelector('[data-figure=\"time/frames_per_second\"] output').textContent";
@@ -152,6 +159,11 @@ fn runs_of_several_tasks_share_no_axis_and_no_table() {
         let label = curves[at].as_str().expect("a chart");
         assert!(!label.contains(names[1 - at]), "{name}: {label}");
     }
+    // On a narrow screen the curves of each task are folded away.
+    browser.resize(400, 800);
+    open(&mut browser, folder.path(), &report, &json!([]));
+    assert_eq!(browser.value("document.querySelectorAll('details[id^=training]:not([open])').length"), 2);
+    browser.resize(1280, 900);
     let empty = "for (const table of document.querySelectorAll('#results table')) \
         [...table.tHead.rows[0].cells].forEach((head, at) => { if ([...table.tBodies[0].rows].every((row) => !row.cells[at].textContent)) found.push(head.textContent); })";
     assert_eq!(findings(&mut browser, empty), [""; 0], "every column has a figure");

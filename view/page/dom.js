@@ -142,6 +142,13 @@ export const json = async (path, options) => (await ask(path, options)).json();
 
 export const notice = (text, kind = "") => h("p", { class: `notice ${kind}`, role: kind === "error" ? "alert" : null }, text);
 
+/** What figures mean, folded away; of those that have a name and a text. */
+export function meanings(described, title) {
+  const known = described.filter(({ label, doc }) => label && doc);
+  const summary = title ?? `What ${known.slice(0, 3).map(({ label }) => label).join(", ")}${known.length > 3 ? " …" : ""} mean`;
+  return known.length ? h("details", {}, h("summary", { class: "small soft" }, summary), h("ul", { class: "small soft wide" }, known.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))) : null;
+}
+
 /** A command, and a button that copies it: where the browser has no clipboard, the whole is marked. */
 export function command(text) {
   const code = h("code", { class: "small" }, text);

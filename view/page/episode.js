@@ -6,7 +6,7 @@ import { legend } from "./curves.js";
 import { neighbours } from "./episodes.js";
 import { film, kinds } from "./film.js";
 import { count, number, outcome, percent, quantity, reached, words } from "./format.js";
-import { EDGE, Stage, Strip, besides, explained, limit } from "./stage.js";
+import { CAMERA_KEYS, EDGE, Stage, Strip, besides, explained, keyCaps, limit } from "./stage.js";
 
 /** Goes through the steps of one or two episodes. */
 class Player {
@@ -25,8 +25,9 @@ class Player {
     this.element = h("section", { class: "card", "aria-label": "Steps" },
       h("div", { class: "player" }, this.play, button("◀", "A step back", "←", () => this.step - 1), button("▶", "A step on", "→", () => this.step + 1),
         disturbed && button("Next disturbance", "Next disturbance", "D", () => this.nextDisturbance()), this.speed,
-        stages[0].isPictured && h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element,
-      h("p", { class: "small soft keys" }, "Keys: space plays, ← and → step", disturbed && ", D goes to the next disturbance", stages.length === 1 && ", P and N to the episodes before and after in the list", "."));
+        stages[0].isPictured && h("span", { class: "row" }, this.film, this.kind)), this.range, this.strip.element);
+    const steps = [["space", "plays"], ["← →", "step"], ...(disturbed ? [["D", "next disturbance"]] : []), ...(stages.length === 1 ? [["P N", "episodes before and after"]] : [])];
+    this.keys = h("details", { class: "small soft keys" }, h("summary", {}, "Keys"), keyCaps(steps), stages[0].isPictured && [h("div", {}, "click the room:"), keyCaps(CAMERA_KEYS)]);
     const keys = (event) => this.key(event);
     document.addEventListener("keydown", keys);
     signal.addEventListener("abort", () => { document.removeEventListener("keydown", keys); this.stop(); });
@@ -166,15 +167,15 @@ export async function showEpisode(root, run, key, query, signal, named) {
   player.shown = (step) => [drawn, ...curves].forEach((one) => one?.show(step));
   if (!stage.isPictured) replace(root, title, stage.problem,
     h("div", { class: "episode" },
-      h("div", { class: "stack" }, drawn?.element, player.element, h("section", { class: "card" }, stage.words, stage.parts)),
+      h("div", { class: "stack" }, drawn?.element, player.element, player.keys, h("section", { class: "card" }, stage.words, stage.parts)),
       h("div", { class: "side" }, h("section", { class: "card" }, stage.channels), curves.map(({ element }) => element))),
     film && !filmed && h("p", { class: "small soft" }, "its film, drawn by its own environment: ", command(film)));
   else replace(root, title, stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },
-        h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), stage.proof())),
+        h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), player.keys, stage.proof())),
         player.element),
-      h("div", { class: "side" }, figure("What the robot sees", stage.depth.element), figure("Floor plan and path", [stage.plan.element, stage.plan.legend]),
+      h("div", { class: "side" }, figure("What the robot sees", [stage.depth.element, stage.scale]), figure("Floor plan and path", [stage.plan.element, stage.plan.legend]),
         h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));
   player.go(Number(query.get("step") ?? 0));
 }

@@ -5,7 +5,7 @@ import { count, headed, number, outcome, reached, kitchenName } from "./format.j
 import { paintEnd } from "./stage.js";
 
 // What every task's episodes have.
-const COLUMNS = [["Kitchen", "kitchen", "optional"], ["Episode", "episode", ""], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Length", "length", "number optional"]];
+const COLUMNS = [["Episode", "episode", ""], ["Target", "target", ""], ["Outcome", "outcome", ""], ["Length", "length", "number optional"]];
 const PAGE = 50;
 
 /** The episodes of a run as the table last showed them. */
@@ -107,7 +107,7 @@ export async function showEpisodes(root, run, query, signal) {
       h("td", { class: "number optional" }, String(each.length)),
       columns.map((column) => h("td", { class: "number", "data-head": column.label || headed(column.name) }, figure(each.figures[column.name], column))));
   };
-  let shown = "", latest = 0, card = null;
+  let shown = "", latest = 0, card = null, headings = "";
   async function load() {
     latest += 1;
     const mine = latest;
@@ -137,12 +137,15 @@ export async function showEpisodes(root, run, query, signal) {
       // What the run's other tables have; the outcome says which successes there are.
       const main = ({ name, is_share: share }) => card.metrics.some((metric) => metric.name === name) && !(share && successes.length);
       const columns = page.columns.filter((column) => whole.checked || main(column) || column.name === asked.sort);
-      columns.isPlaced = !page.elsewhere || page.rows.some(({ environment }) => environment !== null);
       const figures = columns.map(({ name, label, doc }) => [label || headed(name), name, "number", doc]);
       options("range", [["length", "length"], ...page.columns.map(({ name, label }) => [name, label || headed(name)])]);
-      const first = (page.elsewhere ? [["Environment", "kitchen", "optional"], ...COLUMNS.slice(1)] : COLUMNS).filter(([, name]) => ({ target: page.targets.length, kitchen: columns.isPlaced })[name] ?? true);
-      const names = [...first, ...figures].map(([, name]) => name).join();
-      if (heads.map((one) => one.dataset.column).join() !== names) {
+      const numbered = page.rows.some(({ environment }) => environment !== null);
+      const placed = page.elsewhere ? "Environment" : numbered ? "Kitchen / environment" : "Kitchen";
+      columns.isPlaced = !page.elsewhere || numbered;
+      const first = [[placed, "kitchen", "optional"], ...COLUMNS].filter(([, name]) => ({ target: page.targets.length, kitchen: columns.isPlaced })[name] ?? true);
+      const names = [...first, ...figures].map(([label, name]) => `${label} ${name}`).join();
+      if (headings !== names) {
+        headings = names;
         heads = sorters([...first, ...figures], asked, () => change("offset", "0"));
         figures.forEach(([, , , doc], at) => { heads[first.length + at].title = doc; });
         replace(head, pictured(page) ? h("th", {}, h("span", { class: "unseen" }, "Its end")) : null, heads);

@@ -1,6 +1,6 @@
 // The list of runs with their state.
 
-import { app, every, h, json, notice, orders, replace, showOrder, sorters, withToken } from "./dom.js";
+import { app, every, h, json, meanings, notice, orders, replace, showOrder, sorters, withToken } from "./dom.js";
 import { count, date, duration, figure } from "./format.js";
 
 export const stateWord = (state) => h("span", { class: `state ${state.replace(/ /g, "-")}` }, state || "?");
@@ -13,6 +13,9 @@ export function named({ suite, id, folder }, isBeside = false) {
 
 /** Where the page of a run's suite is. */
 export const suiteAddress = ({ suite, suite_standing: standing }) => `#/suite/${encodeURIComponent(suite)}${standing ? `?folder=${encodeURIComponent(standing.folder)}` : ""}`;
+
+/** A link to the report of a run, or of its suite; `page`: where that lies. */
+export const reportOf = (id, page, text = "Report") => page && h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: page }, text);
 
 /** What it trains, or the episodes that it evaluates. */
 export const about = ({ task, preset, seed, asked }) => asked ?? [task, preset, `seed ${seed}`].filter(Boolean).join(" · ");
@@ -87,6 +90,10 @@ export async function showList(root, query, signal) {
   const together = h("button", { hidden: true, onclick: () => { location.hash = `#/run/${[...chosen].join("+")}`; } }, "Show together");
   const beside = h("button", { hidden: true, onclick: () => { location.hash = `#/compare/${[...chosen].join("/")}`; } }, "Side by side");
   const hint = h("span", { class: "soft small" }, "choose two to compare them");
+  /** Why two have no episode in common, if so. */
+  const apart = ([one, other]) => (one?.elsewhere || other?.elsewhere ? "only episodes in kitchens are drawn"
+    : JSON.stringify(one?.metrics) !== JSON.stringify(other?.metrics) ? "their tasks differ: they have no episode in common" : "");
+  const legend = h("div", {});
   const body = h("tbody");
   const empty = h("p", { class: "soft" });
   const head = h("thead");
@@ -115,7 +122,7 @@ export async function showList(root, query, signal) {
   };
   replace(root,
     h("div", { class: "row between chooser" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside)),
-    frame);
+    legend, frame);
 
   const cells = (card) => metrics.map((label, at) => {
     const metric = card.metrics.find((each) => each.label === label);
@@ -124,7 +131,7 @@ export async function showList(root, query, signal) {
   });
   const mean = (one) => h("tr", { style: { "--indent": "1.5rem" } }, h("td", {}), h("td", {}, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
   const heading = ({ id, suite, suite_standing: { folder, counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
-    h("a", { href: suiteAddress({ suite, suite_standing: { folder } }) }, `suite ${suite}`), `: ${counts}`, report && [" · ", h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: report }, "report")]));
+    h("a", { href: suiteAddress({ suite, suite_standing: { folder } }) }, `suite ${suite}`), `: ${counts}`, report && [" · ", reportOf(id, report, "report")]));
   const row = (card) => {
     const box = h("input", {
       type: "checkbox", checked: chosen.has(card.id), "aria-label": `Choose ${card.id}`,
@@ -133,6 +140,8 @@ export async function showList(root, query, signal) {
         together.hidden = chosen.size < 2;
         hint.hidden = !together.hidden;
         beside.hidden = chosen.size !== 2;
+        beside.title = apart([...chosen].map((id) => cards.find((one) => one.id === id)));
+        beside.disabled = beside.title !== "";
       },
     });
     const isNested = runOf(card, cards) !== undefined;
@@ -143,7 +152,7 @@ export async function showList(root, query, signal) {
     const done = `${count(card.done)}${isWhole ? "" : ` of ${count(card.budget)}`} ${card.evaluation ? "episodes" : "frames"}${left}`;
     return h("tr", { style: { "--indent": `${indent}rem` } },
       h("td", {}, box),
-      h("td", {}, titled(card, Boolean(card.suite_standing), isNested)),
+      h("td", {}, titled(card, Boolean(card.suite_standing), isNested), card.report && h("div", { class: "small" }, reportOf(card.id, card.report))),
       h("td", {}, card.state === "running"
         ? [progress(card.done / card.budget, done), h("div", { class: "small" }, stateWord(card.state), h("div", { class: "faint whole" }, done))]
         : h("div", { class: "small whole" }, stateWord(card.state), h("span", { class: "faint" }, `, ${done}`))),
@@ -160,7 +169,12 @@ export async function showList(root, query, signal) {
       const focused = document.activeElement?.getAttribute("aria-label") ?? document.activeElement?.getAttribute("href");
       metrics = columnsOf(cards);
       const columns = [["Run", "run"], ["Progress", "progress"], ...metrics.map((label, at) => [label, label, at > 1 ? "number optional" : "number"]), ["Begun", "begun", "optional"]];
-      if (head.dataset.columns !== metrics.join()) replace(head, h("tr", {}, h("th", {}, h("span", { class: "unseen" }, "Choose")), sorters(columns, asked, sort)));
+      const described = [...new Map(cards.flatMap((card) => card.metrics).map((one) => [one.label, one])).values()];
+      if (head.dataset.columns !== metrics.join()) {
+        replace(head, h("tr", {}, h("th", {}, h("span", { class: "unseen" }, "Choose")), sorters(columns, asked, sort)));
+        for (const one of head.querySelectorAll("[data-column]")) one.title = described.find(({ label }) => label === one.dataset.column)?.doc ?? "";
+        replace(legend, metrics.length ? [h("p", { class: "small soft" }, "Of a run: means over the newest tenth of its newest stage; of an evaluation: over all its episodes."), meanings(described)] : []);
+      }
       head.dataset.columns = metrics.join();
       order();
       hint.hidden = !together.hidden || cards.length < 2;

@@ -2,7 +2,7 @@
 
 import { h, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { count, figure, kitchenName } from "./format.js";
-import { Stage, besides, explained } from "./stage.js";
+import { CAMERA_KEYS, Stage, besides, explained, keyCaps } from "./stage.js";
 
 /** How long the end of an episode is looked at, and how long to wait where there is nothing new, milliseconds. */
 const END = 2500;
@@ -18,8 +18,8 @@ class SceneRenderer {
     // Steps a second, as a policy plays by default.
     Object.assign(this, { policy, signal, speed: speed ?? 5, run: null, chosen: null, seen: null, skips: false, live: null, still: false, stage: null, over: [] });
     this.title = h("h1", {}, "A policy at work");
-    this.plays = h("p", { class: "small" }, policy);
-    this.terms = h("p", { class: "soft small" }, "\u00a0");
+    [this.plays, this.terms] = [h("span", {}, policy), h("span", { class: "soft" })];
+    this.alone = h("span", { class: "soft small", hidden: true }, "the policy goes on");
     this.tally = h("p", { class: "soft small", role: "status" }, "No episode has ended yet.");
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
     this.link = h("a", { href: "#/?all", hidden: true }, "All episodes");
@@ -27,7 +27,7 @@ class SceneRenderer {
     this.wait = waiting("The policy is loaded, and its kitchens are built", signal);
     this.place = h("div", {}, h("section", { class: "card" }, h("p", {}, "Here a robot will be seen at its task, step by step, episode after episode. The menu above chooses the kitchen.")));
     root.classList.add("work");
-    replace(root, h("div", { class: "row between plays" }, this.title, this.wait.element, h("div", { class: "row" }, this.button, this.picker, this.link)), h("div", { class: "tells" }, this.plays, this.terms, this.tally), this.place);
+    replace(root, h("div", { class: "row between plays" }, this.title, this.wait.element, h("div", { class: "row" }, this.alone, this.button, this.picker, this.link)), h("div", { class: "tells" }, h("p", { class: "small" }, this.plays, " ", this.terms), this.tally), this.place);
   }
 
   /** Says what it waits for; nothing without a text. */
@@ -42,6 +42,7 @@ class SceneRenderer {
     this.still = !this.still;
     this.button.textContent = this.still ? "Play" : "Pause";
     this.button.setAttribute("aria-pressed", String(this.still));
+    this.alone.hidden = !this.still;
     say(this.still ? "paused" : "goes on");
   }
 
@@ -76,15 +77,16 @@ class SceneRenderer {
   async renew() {
     const run = encodeURIComponent(this.run);
     this.live = await json(`/api/runs/${run}`, { signal: this.signal });
-    const { over, live: { card: { done, metrics, figures } } } = this;
+    const { over, live: { kitchens, card: { done, metrics, figures, scenes } } } = this;
     this.link.href = `#/run/${run}/episodes`;
     this.link.hidden = !done;
     this.link.textContent = done === 1 ? "The episode that has ended" : `All ${count(done)} episodes`;
     const mean = ({ name }) => over.reduce((sum, episode) => sum + (episode.figures[name] ?? 0), 0) / over.length;
     const said = (text, known, value) => [text, ...known.map((metric) => `${metric.label} ${figure(metric, value(metric), 0)}`)].join(", ");
-    const shown = said(`Watched to the end: ${count(over.length)}`, metrics.filter(({ name }) => name in (over[0]?.figures ?? {})), mean);
-    const all = said(`ended in all: ${count(done)}`, metrics.filter(({ name, kind }) => kind === "share" && name in figures), ({ name }) => figures[name]);
-    const text = done || over.length ? `${shown}; ${all}.` : "No episode has ended yet.";
+    const where = kitchens.length === 1 ? kitchenName(kitchens[0].kitchen, scenes) : `${kitchens.length} kitchens`;
+    const all = said(`${count(done)} ${done === 1 ? "episode" : "episodes"} ended in ${where}`, metrics.filter(({ name, kind }) => kind === "share" && name in figures), ({ name }) => figures[name]);
+    const shown = said(`you watched ${count(over.length)} to the end`, metrics.filter(({ name }) => name in (over[0]?.figures ?? {})), mean);
+    const text = done || over.length ? `${all}; ${shown}.` : "No episode has ended yet.";
     if (this.tally.textContent !== text) this.tally.textContent = text;
   }
 
@@ -126,12 +128,11 @@ class SceneRenderer {
     Object.assign(this, { seen: { where: `${run} ${chosen}`, number, key }, skips: false });
     const { target } = stage.episode;
     const task = target ? `Bring the ${target} (pink) to its goal (green), and displace nothing else (violet)` : "Reach the goal (green)";
-    const keys = [["space", "pause"], ["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
     replace(this.place, h("div", { class: "episode" },
       h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", {}, h("strong", {}, task), h("div", { class: "small ending" }, `episode ${stage.episode.number} in ${stage.place} `, end), h("div", { class: "small newer" }, h("span", { class: "soft" }, missed), newer)), stage.problem,
-        besides(stage.orbit.element, stage.words, explained(stage.episode), h("p", { class: "small soft keys" }, keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`))), stage.moved)),
-      h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and path"), stage.plan.element, stage.plan.legend))));
+        h("div", {}, h("strong", {}, task), h("div", { class: "small row newer" }, h("span", {}, `episode ${stage.episode.number} in ${stage.place} `, end), h("span", { class: "soft" }, missed), newer)), stage.problem,
+        besides(stage.orbit.element, stage.words, explained(stage.episode), h("div", { class: "small soft keys" }, keyCaps([["space", "pause"], ...CAMERA_KEYS])), stage.moved)),
+      h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element, stage.scale), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and path"), stage.plan.element, stage.plan.legend))));
     this.camera(stage);
     const interval = 1000 / this.speed;
     stage.orbit.rests(false);

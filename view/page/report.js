@@ -1,6 +1,6 @@
 // A report: what runs came to, over seeds and beside the paper. `stillroom report` puts its data into the page.
 
-import { app, css, h, hand, replace } from "./dom.js";
+import { app, css, h, hand, meanings, replace } from "./dom.js";
 import { action, bare, count, percent, short, words } from "./format.js";
 import { Chart, look } from "./chart.js";
 import { Curves, legend } from "./curves.js";
@@ -52,7 +52,7 @@ const section = (id, title, ...content) => h("section", { id, class: "stack" }, 
 const says = (...text) => h("p", { class: "small soft wide" }, text);
 
 class Page {
-  constructor(root, { made, program = app.program, drawn = true, labelled = true, report, episodes, undrawn = [], differences = [] }) {
+  constructor(root, { made, name, program = app.program, drawn = true, labelled = true, report, episodes, undrawn = [], differences = [] }) {
     Object.assign(app, { program });
     Object.assign(this, { program, drawn, labelled, report, episodes, differences, hidden: new Set(), missing: [...undrawn] });
     // Where each group is one run it is called so, and nothing is said of means over seeds.
@@ -71,11 +71,10 @@ class Page {
     const parts = [this.evaluated(), this.comparisons(), this.stages(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].flat().filter(Boolean);
     const several = this.names.length > 1;
     replace(root, h("div", { class: "stack report" },
-      h("div", { class: "row between" }, h("h1", {}, "Report"), h("span", { class: "small soft" }, made)),
+      h("div", { class: "row between" }, h("h1", {}, name ?? (report.groups.length === 1 ? report.groups[0].label : "Report")), h("span", { class: "small soft" }, name || report.groups.length === 1 ? "report " : null, made)),
       h("nav", { class: "parts" }, [...opening, ...parts].filter((part) => part?.id).map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2").textContent))),
       several ? this.keys : null,
       opening,
-      report.episodes.map((sentence) => says(sentence)),
       report.notes.length ? h("details", { class: "notice", open: true }, h("summary", {}, "Before you trust these figures"), h("ul", {}, report.notes.map((note) => h("li", {}, note)))) : null,
       parts,
       this.missing.length ? h("details", { id: "missing", open: !report.groups.some(({ results }) => results.length) }, h("summary", {}, "What is not here"), h("ul", {}, this.missing.map((why) => h("li", {}, why)))) : null));
@@ -105,7 +104,7 @@ class Page {
 
   /** What the first thing to know is: of each group in its first field. */
   headline() {
-    const entry = (name, value, below) => h("div", {}, h("dt", {}, name), h("dd", {}, over(value, below)));
+    const entry = (name, value, below, doc) => h("div", { title: doc }, h("dt", {}, name), h("dd", {}, over(value, below)));
     // How the intervals beneath figures were made.
     const ways = new Set();
     const cards = this.report.groups.slice(0, 6).map((group, index) => {
@@ -116,7 +115,7 @@ class Page {
       const of = (one) => {
         const { point, interval, way } = result?.metrics[one.name] ? meanOf(result, one) : { point: (result?.pooled ?? trained)[one.name] };
         if (interval) ways.add(way);
-        return point === undefined ? null : entry(heading(one), bare(one, point), interval && range(one, interval));
+        return point === undefined ? null : entry(heading(one), bare(one, point), interval && range(one, interval), one.doc);
       };
       return h("section", { class: "card stack", style: { "border-top": `3px solid var(${look(index).colour})` } },
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${this.drawn && !this.several ? "" : `${words(group.task)} · `}${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
@@ -124,7 +123,8 @@ class Page {
         this.report.groups.length === 1 ? this.trained(group) : null,
         group.differences.length ? says(`changed from the preset ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
-    return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null];
+    return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null,
+      meanings([...new Map(Object.values(this.report.tasks).flatMap(({ shown }) => shown).map((one) => [one.label, one])).values()])];
   }
 
   /** What the stages of a group came to in training, where it has several. */
@@ -171,7 +171,7 @@ class Page {
       const both = (one) => ranking.includes(one.name) && found.some(({ result }) => result.seeds.length > 1);
       const heads = printed.flatMap((one) => (both(one) ? [`#${heading(one)}, mean`, `#${heading(one)}, IQM`] : [`#${heading(one)}`]));
       const row = ({ group, result }) => [group.label, ...(this.seeds ? [count(result.seeds.length)] : []), count(result.pooled.episodes),
-        ...printed.flatMap((one) => [estimate(one, meanOf(result, one)), ...(both(one) ? [result.seeds.length > 1 ? estimate(one, result.metrics[one.name].iqm) : ""] : [])])];
+        ...printed.flatMap((one) => [estimate(one, meanOf(result, one)), ...(both(one) ? [result.seeds.length > 1 ? estimate(one, result.metrics[one.name].iqm) : "–"] : [])])];
       return table([this.group, ...(this.seeds ? ["#seeds"] : []), "#episodes", ...heads], plain(found.map(row)));
     };
     const fields = this.fields.map((field) => {
@@ -183,7 +183,7 @@ class Page {
       const row = ({ group, result: { field, pooled } }) => [group.label, fieldName(field), ...columns.map((one) => bare(one, pooled[one.name]))];
       return table([this.group, "episodes of", ...columns.map((one) => `#${heading(one)}`)], plain(found.map(row)));
     };
-    return section("results", "Results", fields,
+    return section("results", "Results", fields, this.report.episodes.map((sentence) => says(sentence)),
       says(this.averaged ? `Means and interquartile means (IQM) over ${this.samples(this.fields[0])} with 95% intervals. Of one seed alone: no IQM. There, and where seeds agree, the 95% interval of a share is Wilson's over its episodes, and says nothing of other seeds.`
         : `Means over ${this.samples(this.fields[0])}, of one seed${this.results.length > 1 ? " each" : ""}.${this.hasRates ? " The 95% interval of a share is Wilson's over the episodes of this seed alone." : ""}${this.results.some(({ result: { intervals } }) => intervals) ? " The 95% interval of another mean is from a bootstrap over them." : ""}`),
       h("h3", {}, `Over all episodes${this.seeds ? " of all seeds" : ""} together`), this.byTask(this.results).map(further),
@@ -192,8 +192,7 @@ class Page {
 
   /** What the task says of its figures. */
   docs(task) {
-    const described = this.report.tasks[task].described.filter(({ label }) => label);
-    return described.length ? h("details", {}, h("summary", { class: "small" }, `What the columns mean${this.several ? `, ${words(task)}` : ""}`), h("ul", { class: "small soft wide" }, described.map(({ label, doc }) => h("li", {}, `${label}: ${doc}`)))) : null;
+    return meanings(this.report.tasks[task].described, `What the columns mean${this.several ? `, ${words(task)}` : ""}`);
   }
 
   /** The paper's row that a group stands beside. */
@@ -308,8 +307,15 @@ class Page {
       curves.element.id = this.several ? `training-${task}` : "training";
       return curves;
     }).filter(({ charts }) => charts.size).map(({ element }) => element);
+    // On a narrow screen those of several tasks are many screens long.
+    const fold = (one) => {
+      const [{ id }, title] = [one, one.querySelector("h2")];
+      one.removeAttribute("id");
+      title.hidden = true;
+      return h("details", { id }, h("summary", {}, title.textContent), one);
+    };
     made.at(-1).append(says(`Training episodes in bins of an eightieth of the run${this.spread()}; faint, without smoothing, which begins anew with each stage. The return is under the reward of the stage, so it jumps where the reward changes. While a run stands still no time passes.`));
-    return made;
+    return this.several && innerWidth <= 500 ? made.map(fold) : made;
   }
 
   /** What curves over training show of several seeds. */
@@ -328,9 +334,16 @@ class Page {
   /** The curves over thresholds that a task declares. */
   limits() {
     const parts = this.byTask(this.results).flatMap(([task, found]) => this.report.tasks[task].curves.map(({ name, label, doc, marks }) => {
+      const curve = (group, field) => (group.task === task && group.results.find((result) => result.field === field)?.curves[name]) || [];
+      // Where no curve changes any more the chart ends.
+      const end = (field) => Math.max(...Object.values(marks), ...found.map(({ group }) => {
+        const points = curve(group, field);
+        const last = points.findLastIndex(({ mean }) => Math.abs(mean - points.at(-1).mean) > 1e-9);
+        return points[Math.min(last + 3, points.length - 1)]?.at ?? -Infinity;
+      }));
       const of = (group, field) => {
-        const points = group.task === task && group.results.find((result) => result.field === field)?.curves[name];
-        if (!points?.length) return null;
+        const points = curve(group, field).filter(({ at }) => at <= end(field));
+        if (!points.length) return null;
         const all = (pick) => points.map(({ mean, interval }) => (interval ? pick(interval) : mean));
         return { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
       };
@@ -348,8 +361,9 @@ class Page {
     if (!this.drawn) return null;
     const staged = this.report.groups.some(({ stages }) => stages.length > 1) ? ` Before and after stage II: evaluate the checkpoint at stage I's end, too (\`${this.program} eval RUN/checkpoints/rollout-NUMBER.json --record all\`).` : "";
     if (!this.episodes.length) return this.none(`One episode in pictures: no run has a recorded evaluation (\`${this.program} eval RUN --record all\`).${staged}`);
-    const pictures = ({ caption, strips }, index) => {
-      const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, title),
+    const pictures = ({ run, task, caption, strips }, index) => {
+      const whose = this.several ? `${run}, ${words(task)}: ` : "";
+      const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, whose, title),
         h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.map((each, at) => [at ? ", " : "", h("span", { style: { "white-space": "nowrap" } }, each)]))))))),
       h("p", { class: "small soft" }, caption, " ", h("button", { class: "save", "aria-label": `Save the pictures of episode ${index + 1} as PNG`, onclick: () => savePictures(made, `episode-${index + 1}.png`) }, "PNG")));
       return made;

@@ -1,13 +1,17 @@
 // One run, live; or several side by side and over each other. Figures come when they change (server-sent events), curves by what is new.
 
-import { every, follow, h, json, notice, pause, remember, remembered, replace } from "./dom.js";
+import { app, command, every, follow, h, json, meanings, notice, pause, remember, remembered, replace } from "./dom.js";
 import { Curves } from "./curves.js";
 import { bytes, count, date, duration, figure, number, outcome, percent, reached, kitchenName, short, words } from "./format.js";
-import { about, columnsOf, named, progress, stateWord, suiteAddress, titled } from "./list.js";
+import { about, columnsOf, named, progress, reportOf, stateWord, suiteAddress, titled } from "./list.js";
 import { Painter, paintEnd, pictureAddress } from "./stage.js";
 
 /** From this share on the recordings are read: of a run at work there are always new ones. */
 const READ = 0.999;
+/** A view of what is seen now that is older than so many seconds says so. */
+const OLD_S = 2;
+/** For so long a page waits for its further parts, milliseconds. */
+const SOON_MS = 1500;
 /** More kitchens than this fill a column. */
 const LONG = 9;
 
@@ -36,15 +40,22 @@ export class Columns {
   }
 }
 
+/** An interval beneath its figure. */
+const beneath = (interval) => interval && h("div", { class: "faint small whole" }, `${interval.low.replace("%", "")} – ${interval.high}`);
+
+/** The head of a metric's column, which says what that is. */
+const headOf = ({ label, doc }, kind = "number") => h("th", { scope: "col", class: kind, title: doc }, label);
+
 function figures(live) {
   const { card } = live;
-  const entry = (name, value, more) => [h("dt", {}, name), h("dd", {}, value, more ? h("small", {}, " ", more) : null)];
+  const entry = (name, value, more, doc, interval) => [h("dt", { title: doc }, name), h("dd", {}, value, more ? h("small", {}, " ", more) : null, beneath(interval))];
+  const within = ({ label }) => live.results?.intervals[live.results.heads.findIndex(([head]) => head.replace(/ \(m\)$/, "") === label)];
   const working = live.workers.filter((worker) => worker.cores !== null).reduce((sum, worker) => sum + worker.cores, 0);
   const items = [
     entry(card.evaluation ? "episodes" : "frames", count(card.done), `of ${count(card.budget)}`),
     card.left_s !== null ? entry("time left", duration(card.left_s)) : null,
     card.evaluation ? null : entry(card.state === "running" ? "frames/s now" : "frames/s, mean", count(live.frames_per_s)),
-    card.metrics.filter(({ name }) => card.evaluation && name in card.figures).map((metric) => entry(metric.label, figure(metric, card.figures[metric.name]))),
+    card.metrics.filter(({ name }) => card.evaluation && name in card.figures).map((metric) => entry(metric.label, figure(metric, card.figures[metric.name]), null, metric.doc, within(metric))),
     live.cores ? entry("processor", number(working, 1), `of ${live.cores} cores`) : null,
     live.gpus.map((gpu) => entry(`GPU ${gpu.index}`, percent(gpu.busy, 0), bytes(gpu.used_mib * 2 ** 20))),
     card.evaluation || card.state === "running" || !live.frames_per_s ? null : entry("training time", duration(card.done / live.frames_per_s)),
@@ -62,7 +73,7 @@ function stages(live) {
   const part = ({ frames, budget, name }) => progress(frames / budget, `stage ${name}: ${percent(frames / budget)}`);
   const taken = ({ frames, budget }) => (frames < budget ? `${short(frames)} of ${short(budget)}` : `${short(budget)}, complete`);
   return h("div", { class: "scroll" }, h("table", { class: "tight fold stages", "aria-label": "Stages" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map(({ label }) => h("th", { scope: "col", class: "number" }, label)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Stage"), h("th", { scope: "col", class: "optional" }, "Reward"), h("th", { scope: "col", class: "optional" }, "Frames"), metrics.map((metric) => headOf(metric)))),
     h("tbody", {}, live.stages.map((stage, index) => h("tr", { class: index === live.stage ? null : "soft" }, h("td", { "data-head": "Stage" }, stage.name), h("td", { class: "optional", "data-head": "Reward" }, words(stage.reward)),
       h("td", { class: "optional", "data-head": "Frames" }, h("div", { class: "meter" }, part(stage), h("span", { class: "small whole" }, taken(stage)))), metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, stage.figures[metric.name]))))))),
   h("p", { class: "small faint" }, "Means over the newest tenth of each stage, over all of it where no episode ended there."));
@@ -89,8 +100,8 @@ function kitchens(live, run) {
   const reading = live.indexed < READ ? h("p", { class: "small soft" }, `Of the recordings ${reached(live.indexed)} are read so far.`) : null;
   // Of the oldest episodes, as yet.
   if (live.indexed < 0.9) return [reading];
-  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight meters${metrics.length > 2 ? " many" : ""}` },
-    h("thead", {}, h("tr", {}, ["Kitchen", "Episodes", ...metrics.map(({ label }) => label)].map((head, at) => h("th", { scope: "col", class: at ? "number" : null }, head)))),
+  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight fold meters${metrics.length > 2 ? " many" : ""}` },
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Kitchen"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map((metric) => headOf(metric)))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", { "data-head": "Kitchen" }, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
       h("td", { class: "number", "data-head": "Episodes" }, count(kitchen.episodes)),
@@ -103,12 +114,17 @@ function results({ results: { heads, rows, intervals, figures: further }, card }
     const [what, which] = filter?.split("=") ?? [];
     return filter ? h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?${filter}` }, what === "kitchen" ? kitchenName(Number(which), card.scenes) : name) : name;
   };
-  const cell = (text) => h("td", { class: "number" }, text.replace(/^-/, "−"));
+  const cell = (text, head, interval) => h("td", { class: "number", "data-head": head }, text.replace(/^-/, "−"), beneath(interval));
+  const isSame = (one, other) => one.episodes === other.episodes && one.cells.join() === other.cells.join();
+  const all = rows.at(-1);
+  // Of one set of objects that is all there is.
+  const shown = rows.filter((row, at) => row.filter || rows.findIndex((first) => !first.filter && isSame(first, row)) === at);
+  const ways = [...new Set(intervals.filter(Boolean).map(({ whose }) => whose))];
   return h("section", { class: "card" }, h("h2", {}, "Results"),
-    h("div", { class: "scroll" }, h("table", { class: "tight", "aria-label": "Results" },
+    h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Results" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head)))),
-      h("tbody", {}, rows.map((one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes)), one.cells.map(cell)))))),
-    intervals.map((sentence) => h("p", { class: "small" }, sentence)),
+      h("tbody", {}, shown.map((one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes), "episodes"), one.cells.map((text, at) => cell(text, heads[at][0], !one.filter && isSame(one, all) && intervals[at]))))))),
+    ways.length ? h("p", { class: "small soft" }, `Beneath a figure: ${ways.join(" or ")} 95% interval over these episodes.`) : null,
     h("dl", { class: "figures further" }, further.map(([name, value, doc]) => h("div", { title: doc }, h("dt", {}, name), h("dd", {}, value)))));
 }
 
@@ -137,16 +153,17 @@ function workers(live) {
 }
 
 function processes(some) {
-  const rows = some.map((worker) => h("tr", {},
-    h("td", {}, worker.name),
-    h("td", {}, worker.stopped ? h("span", { class: "bad" }, "stopped") : worker.pid ? h("span", { class: "good" }, "runs") : h("span", { class: "faint" }, "ended")),
-    h("td", { class: "number" }, String(worker.incarnation)),
-    h("td", { class: "number" }, worker.incarnation > 1 ? h("span", { class: "warn" }, String(worker.incarnation - 1)) : "0"),
-    h("td", { class: "number optional" }, String(worker.starts)),
-    h("td", { class: "number" }, worker.cores === null ? "–" : percent(worker.cores, 0)),
-    h("td", { class: "number optional" }, bytes(worker.memory_bytes), worker.growth ? h("div", { class: "small warn" }, worker.growth) : null)));
   const heads = [["Process", ""], ["", ""], ["Incarnation", "number"], ["Restarts", "number"], ["Starts in all", "number optional"], ["Core", "number"], ["Memory", "number optional"]];
-  return h("div", { class: "scroll" }, h("table", { class: "tight" }, h("thead", {}, h("tr", {}, heads.map(([head, kind]) => h("th", { scope: "col", class: kind }, head || h("span", { class: "unseen" }, "State"))))), h("tbody", {}, rows)));
+  const cells = (worker) => [
+    worker.name,
+    worker.stopped ? h("span", { class: "bad" }, "stopped") : worker.pid ? h("span", { class: "good" }, "runs") : h("span", { class: "faint" }, "ended"),
+    String(worker.incarnation),
+    worker.incarnation > 1 ? h("span", { class: "warn" }, String(worker.incarnation - 1)) : "0",
+    String(worker.starts),
+    worker.cores === null ? "–" : percent(worker.cores, 0),
+    [bytes(worker.memory_bytes), worker.growth ? h("div", { class: "small warn" }, worker.growth) : null]];
+  const row = (worker) => h("tr", {}, cells(worker).map((cell, at) => h("td", { class: heads[at][1], "data-head": at > 1 ? heads[at][0] : null }, cell)));
+  return h("div", { class: "scroll" }, h("table", { class: "tight fold" }, h("thead", {}, h("tr", {}, heads.map(([head, kind]) => h("th", { scope: "col", class: kind }, head || h("span", { class: "unseen" }, "State"))))), h("tbody", {}, some.map(row))));
 }
 
 const lines = (log) => h("ol", { class: "log" }, log.map(({ at, level, text }) => h("li", {}, at ? h("time", {}, at.slice(11, 19)) : null, h("span", { class: level }, text))));
@@ -163,6 +180,7 @@ class Depths {
     this.picker = h("select", { "aria-label": "Add an environment", onchange: () => { this.choose([...this.chosen, this.picker.value]); this.picker.value = ""; } });
     this.element = h("section", { class: "card" }, h("div", { class: "row between" }, h("h2", {}, "What they see now"), this.picker), this.grid);
     every(1000, signal, () => (this.live?.card.state === "running" && performance.now() > this.due ? this.refresh() : null));
+    every(1000, signal, () => { for (const { age, at } of this.tiles.values()) { const seconds = Math.floor((performance.now() - at) / 1000); age.textContent = seconds > OLD_S ? ` · ${seconds} s ago` : ""; } });
   }
 
   choose(names) {
@@ -185,7 +203,7 @@ class Depths {
   /** An environment by its kitchen. */
   called(name) {
     const [kitchen, environment] = name.split("/");
-    return `${kitchenName(kitchen, this.live.card.scenes)}/${environment}`;
+    return `${kitchenName(kitchen, this.live.card.scenes)}, environment ${environment}`;
   }
 
   async refresh() {
@@ -206,23 +224,24 @@ class Depths {
 
   tile(name) {
     const canvas = h("canvas", { width: 224, height: 224, role: "img", "aria-label": `Depth, environment ${name}` });
-    const caption = h("span", {}, this.called(name));
+    const [caption, age] = [h("span", {}, this.called(name)), h("span", { class: "faint" })];
     const remove = h("button", { class: "small", "aria-label": `Remove environment ${name}`, onclick: () => this.choose(this.chosen.filter((each) => each !== name)) }, "×");
     const link = h("a", { class: "draws", "aria-label": `Newest episode of environment ${name}` }, canvas);
-    const element = h("figure", {}, link, h("figcaption", {}, caption, remove));
+    const element = h("figure", {}, link, h("figcaption", {}, h("span", {}, caption, age), remove));
     this.grid.append(element);
-    return { element, canvas, caption, link, painter: new Painter(canvas), shown: "" };
+    return { element, canvas, caption, age, at: NaN, link, painter: new Painter(canvas), shown: "" };
   }
 
   async draw(name, tile) {
     const run = encodeURIComponent(this.run);
+    const asked = performance.now();
     const key = await json(`/api/runs/${run}/newest/${name}`, { signal: this.signal });
     if (key === null) { tile.caption.textContent = `${this.called(name)} · no step yet`; return; }
     tile.link.href = `#/run/${run}/episode/${key}`;
     const episode = await json(`/api/runs/${run}/episodes/${key}`, { signal: this.signal });
     const step = episode.moments.length - 1;
     await tile.painter.paint(pictureAddress(this.run, key, { view: "depth", step, width: 224, of: step }), this.signal);
-    tile.shown = key;
+    Object.assign(tile, { shown: key, at: asked });
     tile.canvas.dataset.step = String(step);
     tile.caption.textContent = [this.called(name), episode.target, `step ${step}`].filter(Boolean).join(" · ");
   }
@@ -236,11 +255,14 @@ class Thumbnails {
     // As many as come at most: what is below stays where it is when they do.
     this.wait = h("span", { class: "soft small", role: "status" }, "are drawn when the recordings are read");
     replace(this.grid, Array.from({ length: 6 }, () => h("figure", {}, h("canvas", { class: "room", "aria-hidden": "true" }), h("figcaption", { class: "lines" }, h("span", {}, "\u00a0"), h("span", {}, "\u00a0")))));
-    this.element = h("section", { class: "card" }, h("div", { class: "row between" }, h("div", { class: "row" }, h("h2", {}, "Newest episodes"), this.wait), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
+    this.title = h("h2", {}, "Newest episodes");
+    this.element = h("section", { class: "card" }, h("div", { class: "row between" }, h("div", { class: "row" }, this.title, this.wait), h("a", { href: `#/run/${encodeURIComponent(run)}/episodes` }, "all")), this.grid);
   }
 
   async know(live) {
     const version = `${live.rollouts} ${live.card.done}`;
+    // An evaluation's list is fixed: none of them is newer.
+    if (live.card.evaluation) this.title.textContent = "Some episodes";
     // Only kitchens are drawn here.
     if (live.card.elsewhere) this.element.hidden = true;
     if (live.card.elsewhere || live.card.state === "running" || live.indexed < READ || version === this.shown) return;
@@ -280,15 +302,15 @@ class Thumbnails {
   }
 }
 
-/** Evaluations of a run: they lie in its folder. */
-function evaluations(cards, { folder }) {
+/** Evaluations of a run: they lie in its folder. Of a complete run without any the command that makes one. */
+function evaluations(cards, { folder, evaluation, state }) {
   const own = cards.filter((card) => card.evaluation && !card.problem && card.folder.startsWith(`${folder}/`));
-  if (!own.length) return null;
+  if (!own.length) return state === "complete" && !evaluation ? h("p", { class: "small soft" }, "not evaluated yet: ", command(`${app.program} eval ${folder}`)) : null;
   const { metrics } = own[0];
   const row = (card) => h("tr", {}, h("td", { "data-head": "Evaluation" }, titled(card, true, true)),
     h("td", { class: "number", "data-head": "Episodes" }, count(card.done)), metrics.map((metric, at) => h("td", { class: at > 1 ? "number optional" : "number", "data-head": metric.label }, figure(metric, card.figures[metric.name]))));
   return h("section", { class: "card" }, h("h2", {}, "Evaluations"), h("div", { class: "scroll" }, h("table", { class: "tight fold" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map(({ label }, at) => h("th", { scope: "col", class: at > 1 ? "number optional" : "number" }, label)))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Evaluation"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map((metric, at) => headOf(metric, at > 1 ? "number optional" : "number")))),
     h("tbody", {}, own.map(row)))));
 }
 
@@ -333,12 +355,15 @@ const subjectOf = (card, cards) => (card.evaluation ? cards.find((one) => !one.e
 export async function showRun(root, run, signal, crumbs) {
   const encoded = encodeURIComponent(run);
   const head = h("div", { class: "row between ends" });
-  const summary = h("section", { class: "card stack", "aria-label": "Progress" });
   const notes = h("div", {});
-  const parts = Object.fromEntries(["results", "kitchens", "workers", "warnings", "log", "validation", "evaluations", "times"].map((name) => [name, h("div", {})]));
+  const parts = Object.fromEntries(["told", "meanings", "results", "kitchens", "workers", "warnings", "log", "validation", "evaluations", "times"].map((name) => [name, h("div", {})]));
   const columns = new Columns(run);
   const curves = new Curves([columns], { signal });
-  const grow = async () => { if (await columns.grow(signal)) curves.draw(); };
+  const summary = h("section", { class: "card stack", "aria-label": "Progress" }, parts.told, parts.meanings);
+  parts.told.className = "stack";
+  // One after the other: each asks for what comes after the one before.
+  let growth = Promise.resolve();
+  const grow = () => { growth = growth.catch(() => {}).then(async () => { if (await columns.grow(signal)) curves.draw(); }); return growth; };
   const [depths, thumbnails] = [new Depths(run, signal), new Thumbnails(run, signal)];
   const card = (title, part) => h("section", { class: "card" }, h("h2", {}, title), part);
   const kitchensCard = card("By kitchen, newest 50 episodes at most", parts.kitchens);
@@ -346,15 +371,15 @@ export async function showRun(root, run, signal, crumbs) {
   const log = h("div", { class: "stack" }, warningsCard, card("Log", parts.log));
   // Of a run at work what it does now; of one at rest what it has come to. Two columns are about as long as each other.
   const arrange = (running, isLong, isBare) => {
-    const [first, second] = [[kitchensCard], running ? [depths.element, parts.evaluations, parts.validation] : [parts.validation]];
+    const [first, second] = [[kitchensCard], running ? [parts.evaluations, parts.validation] : [parts.validation]];
     (isLong || !running ? second : first).push(timesCard, workersCard);
     // Nothing but kitchens is listed beside it.
     if (!running) (isBare ? first : second).push(log);
     const columns = h("div", { class: "grid halves" }, [first, second].map((column) => h("div", { class: "stack" }, column)));
-    replace(root, head, notes, summary, parts.results, running ? [curves.element, columns, log] : [thumbnails.element, curves.element, parts.evaluations, columns]);
+    replace(root, head, notes, summary, parts.results, running ? [depths.element, curves.element, columns, log] : [parts.evaluations, thumbnails.element, curves.element, columns]);
   };
 
-  let rollouts = -1, subject = null;
+  let rollouts = -1, subject = null, newest = null;
   const shown = {};
   const update = (name, element, value, make) => {
     const text = JSON.stringify(value);
@@ -363,11 +388,13 @@ export async function showRun(root, run, signal, crumbs) {
     replace(element, make());
   };
   const take = (live) => {
-    update("head", head, [live.card.state, subject], () => [
+    newest = live;
+    update("head", head, [live.card.state, live.card.report, subject], () => [
       h("div", { class: "row" }, h("h1", {}, live.card.suite && [h("a", { href: suiteAddress(live.card) }, live.card.suite), " / "], named(live.card, true)), stateWord(live.card.state), h("span", { class: "soft small" }, live.card.evaluation ? ["evaluation", subject && [" of ", h("a", { href: `#/run/${encodeURIComponent(subject)}` }, subject)], " · "] : null, about(live.card))),
-      h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"))]);
+      h("div", { class: "row" }, h("a", { href: `#/run/${encoded}/episodes` }, "Episodes"), reportOf(run, live.card.report))]);
     update("notes", notes, [live.notes, live.go_on], () => [live.notes.map((note) => notice(note)), live.go_on && h("p", { class: "small soft" }, "go on with: ", h("code", {}, live.go_on))]);
-    update("summary", summary, [live.card, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);
+    update("meanings", parts.meanings, live.card.metrics, () => meanings(live.card.metrics));
+    update("told", parts.told, [live.card, live.results?.intervals, live.stages, live.frames_per_s, live.workers.map((worker) => worker.cores), live.gpus, Math.round(live.wall_s)], () => [figures(live), live.card.evaluation ? live.card.conditions && h("p", { class: "small soft" }, live.card.conditions) : stages(live)]);
     const running = live.card.state === "running";
     const isLong = live.kitchens.length > LONG;
     const isBare = live.card.elsewhere || live.results !== undefined;
@@ -388,28 +415,41 @@ export async function showRun(root, run, signal, crumbs) {
       h("tbody", {}, live.validation.slice(-8).map((one) => h("tr", {}, h("td", { class: "number", "data-head": "Frames" }, count(one.frames)), live.card.metrics.map((metric) => h("td", { class: "number", "data-head": metric.label }, figure(metric, one.figures[metric.name]))))))))) : null));
     depths.know(live);
     thumbnails.know(live);
-    const tenth = Object.entries(live.stages.findLast(({ figures: known }) => Object.keys(known).length)?.figures ?? {}).map(([name, value]) => [name, [value, "newest tenth"]]);
-    const rate = live.frames_per_s === null ? [] : [["time/frames_per_second", [live.frames_per_s, live.card.state === "running" ? "now" : "mean"]]];
-    Object.assign(columns, { budget: live.card.budget, newest: Object.fromEntries([...tenth, ...rate]) });
+    know(live);
     if (live.rollouts !== rollouts) {
       rollouts = live.rollouts;
       grow().catch((error) => { if (!signal.aborted) replace(notes, notice(error.message, "error")); });
     }
   };
-  const first = await json(`/api/runs/${encoded}`, { signal, waits: (reason) => replace(root, notice(reason)) });
-  take(first);
-  every(10_000, signal, async () => {
+  /** What the curves are told beside their points. */
+  const know = (live) => {
+    const tenth = Object.entries(live.stages.findLast(({ figures: known }) => Object.keys(known).length)?.figures ?? {}).map(([name, value]) => [name, [value, "newest tenth"]]);
+    const rate = live.frames_per_s === null ? [] : [["time/frames_per_second", [live.frames_per_s, live.card.state === "running" ? "now" : "mean"]]];
+    Object.assign(columns, { budget: live.card.budget, newest: Object.fromEntries([...tenth, ...rate]) });
+  };
+  const look = async () => {
     const cards = await json("/api/runs", { signal }).catch(() => []);
     // The run that an evaluation is of; its newest event says it.
-    subject = subjectOf(first.card, cards) ?? subject;
-    if (subject) crumbs(subject, first.card.folder.split("/").at(-1));
-    update("evaluations", parts.evaluations, cards, () => evaluations(cards, first.card));
-  });
+    subject = subjectOf(newest.card, cards) ?? subject;
+    if (subject) crumbs(subject, newest.card.folder.split("/").at(-1));
+    update("evaluations", parts.evaluations, [cards, newest.card.state], () => evaluations(cards, newest.card));
+  };
+  const first = await json(`/api/runs/${encoded}`, { signal, waits: (reason) => replace(root, notice(reason)) });
+  newest = first;
+  know(first);
+  // What is there soon has its place from the start.
+  await Promise.race([Promise.all([look(), grow().catch(() => {})]), pause(SOON_MS, signal)]);
+  take(first);
+  pause(10_000, signal).then(() => every(10_000, signal, look));
   const events = follow(`/api/runs/${encoded}/live`);
   signal.addEventListener("abort", () => events.close());
   events.onmessage = ({ data }) => {
     const live = JSON.parse(data);
-    if (live.error) { shown.notes = null; replace(notes, notice(live.error, "error")); } else take(live);
+    if (!live.error) { take(live); return; }
+    // A busy machine reads late: that matters only where something is missing.
+    if (live.waits && newest.indexed >= READ && newest.card.state !== "running") return;
+    shown.notes = null;
+    replace(notes, live.waits ? h("p", { class: "small soft" }, live.error) : notice(live.error, "error"));
   };
   // An event of an error says nothing of it; an ordinary request does.
   events.onerror = () => json("/api/opening", { signal }).catch((error) => {

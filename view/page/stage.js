@@ -344,6 +344,10 @@ export const explained = ({ target }) => h("ul", { class: "marks small soft" },
   [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced by more than 0.01 m, pale where it stood"]]
     .map(([ink, text]) => h("li", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text)), h("li", { class: "faint" }, hint()));
 
+/** Keys and what they do. */
+export const keyCaps = (keys) => keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`));
+export const CAMERA_KEYS = [["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
+
 /** A picture of the room, and beside it, where there is a place, what is said of it. */
 export const besides = (picture, ...said) => h("div", { class: "room" }, picture, h("div", { class: "stack" }, said));
 
@@ -438,6 +442,8 @@ export class Stage {
     this.problem = h("p", { class: "notice error", hidden: true, role: "alert" });
     this.drawn = new Promise((resolve) => { this.orbit = new OrbitView(this, (camera) => this.turned?.(camera), resolve); });
     this.depth = framed(h("canvas", { class: "depth", width: 224, height: 224, role: "img" }), "picture");
+    const black = number(episode.black_m, 1);
+    this.scale = h("div", { class: "legend small soft" }, h("span", {}, "0 m ", h("span", { class: "swatch depths" }), ` ${black} m or more`));
     this.plan = new PlanView(this);
     this.words = h("div", { class: "row" });
     this.parts = h("div", {});
@@ -606,10 +612,11 @@ export class Stage {
   displaced(now) {
     const row = (name, far, kind) => h("tr", { class: kind }, h("td", {}, name), h("td", {}, metres(far)));
     const rows = [...now.moved].sort((a, b) => b[1] - a[1]).map(([thing, far]) => row(this.episode.things[thing].category, far));
-    const listed = now.moved.reduce((total, [, far]) => total + far, 0);
+    if (now.nearly) rows.push(row(...now.nearly, "soft"));
+    const listed = now.moved.reduce((total, [, far]) => total + far, now.nearly?.[1] ?? 0);
     const total = now.channels.disturbance_m?.[0] ?? listed;
-    // Only what is violet in the pictures has a name here.
-    if (total - listed >= 0.0005) rows.push(row("less than 0.01 m each", total - listed, "soft"));
+    // What is violet in the pictures has a name here, and of the rest what moved most.
+    if (total - listed >= 0.0005) rows.push(row(`${rows.length ? "others, " : ""}less than 0.01 m each`, total - listed, "soft"));
     replace(this.moved, h("table", { class: "parts small" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Disturbance"), h("th", { scope: "col" }, metres(total)))),
       h("tbody", {}, rows.length ? rows : h("tr", {}, h("td", { colSpan: 2, class: "soft alone" }, "Nothing is displaced.")))));

@@ -1,9 +1,9 @@
 // A suite: what its groups have come to over their seeds, their curves, and all of its runs.
 
-import { ask, every, h, json, notice, replace, withToken } from "./dom.js";
+import { ask, every, h, json, notice, replace } from "./dom.js";
 import { Curves } from "./curves.js";
 import { count, figure } from "./format.js";
-import { columnsOf, means, runOf } from "./list.js";
+import { columnsOf, means, reportOf, runOf } from "./list.js";
 import { meanOf, range } from "./report.js";
 import { Columns, overview } from "./run.js";
 
@@ -47,7 +47,7 @@ function lines(own, report, place) {
 }
 
 /** The data of a report's page. */
-async function reportOf(id, signal) {
+async function dataOf(id, signal) {
   const page = await (await ask(`/api/runs/${encodeURIComponent(id)}/report`, { signal })).text();
   return JSON.parse(/ id="report">(.*?)<\/script>/s.exec(page)[1]).report;
 }
@@ -65,9 +65,9 @@ export async function showSuite(root, name, query, signal) {
       const own = cards.filter(({ suite_standing: standing }) => standing.folder === folder);
       if (!own.length) { replace(notes, notice(`No suite is called ${name}.`, "error")); return; }
       const [{ id, suite_standing: { counts, report: page } }] = own;
-      if (page && reported !== counts) [report, reported] = [await reportOf(id, signal).catch(() => null), counts];
+      if (page && reported !== counts) [report, reported] = [await dataOf(id, signal).catch(() => null), counts];
       const runs = await json(`/api/runs/${encodeURIComponent(id)}/suite`, { signal });
-      replace(head, h("div", { class: "row between" }, h("div", { class: "row" }, h("h1", {}, `suite ${name}`), h("span", { class: "soft" }, counts)), page && h("a", { href: withToken(`/api/runs/${encodeURIComponent(id)}/report`), target: "_blank", title: page }, "Report")));
+      replace(head, h("div", { class: "row between" }, h("div", { class: "row" }, h("h1", {}, `suite ${name}`), h("span", { class: "soft" }, counts)), reportOf(id, page)));
       // In the order of the suite's file.
       const place = ({ what }) => runs.findIndex(({ name: run }) => run === what || run.startsWith(`${what}-`));
       replace(table, lines(own, report, place));

@@ -48,7 +48,10 @@ pub fn text(value: &impl Serialize) -> String {
 pub fn text_of<T: Serialize>(result: &Result<T, Problem>) -> String {
     match result {
         Ok(value) => text(value),
-        Err(problem) => text(&serde_json::json!({ "error": problem.to_string() })),
+        Err(problem) => {
+            let waits = matches!(problem, Problem::NotYet(_));
+            text(&serde_json::json!({ "error": problem.to_string(), "waits": waits }))
+        }
     }
 }
 

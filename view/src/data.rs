@@ -27,7 +27,7 @@ pub trait Runs: Send + Sync + 'static {
     fn recorded(&self, run: &str, key: EpisodeKey) -> Result<Recorded, Problem>;
     /// The newest episode of an environment, which may still go on; none if nothing was recorded of it yet.
     fn newest(&self, run: &str, kitchen: u32, environment: u32) -> Result<Option<EpisodeKey>, Problem>;
-    /// The page of the report of the suite that the run is of.
+    /// The page of the run's report, or of the suite's that it is of.
     fn report(&self, run: &str) -> Result<String, Problem>;
     /// All runs of the suite that the run is of.
     fn suite(&self, run: &str) -> Result<Vec<SuiteRun>, Problem>;
@@ -110,6 +110,9 @@ pub struct Card {
     pub left_s: Option<f64>,
     /// The mean over its training so far, updates included.
     pub frames_per_s: Option<f64>,
+    /// Path of its report's page, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub report: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
     pub problem: Option<String>,
@@ -178,10 +181,18 @@ pub struct Results {
     /// Name and documentation of each column.
     pub heads: Vec<[String; 2]>,
     pub rows: Vec<ResultRow>,
-    /// Means with their intervals, a sentence each.
-    pub intervals: Vec<String>,
+    /// 95% intervals of the last row's figures, where they are known.
+    pub intervals: Vec<Option<Within>>,
     /// Further ones over all episodes: name, figure with its unit, documentation.
     pub figures: Vec<[String; 3]>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Within {
+    /// E.g. `Wilson's`.
+    pub whose: &'static str,
+    pub low: String,
+    pub high: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

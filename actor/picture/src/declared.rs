@@ -4,8 +4,6 @@ use proto::task::{Channel, Field, Role, Spec, Term, Weight};
 use rapier3d::math::Vec3;
 use simulator::environment::Base;
 
-const MEASURES: usize = 4;
-
 pub fn target_name(spec: &'static Spec, record: &[u8]) -> Option<&'static str> {
     let (channel, field) = spec.channel("current_target")?;
     channel.names.get(field.number(record) as usize).map(String::as_str)
@@ -57,8 +55,8 @@ fn is_good(spec: &Spec, part: &str) -> bool {
     terms.filter_map(weight).all(|weight| weight >= 0.0)
 }
 
-/// Caption of a moment that an action led to, without its number and the episode's end: parts of rewards that are 1, and
-/// the first measures of what the action led to.
+/// Caption of a moment that an action led to, without its number and the episode's end: parts of rewards that are 1,
+/// what is held, and what the task's metrics limit.
 pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     let pairs = || spec.channels.iter().zip(&spec.layout().fields);
     let remarks = pairs().filter(|(channel, field)| {
@@ -73,12 +71,10 @@ pub fn captions(spec: &'static Spec, record: &[u8]) -> Captions {
     if again {
         remarks.push(("already holding".to_owned(), false));
     }
-    let is_measure =
-        |channel: &Channel| channel.role == Role::Outcome && channel.shape.is_empty() && !channel.unit.is_empty();
-    let measure = |(channel, field): (&Channel, &Field)| {
+    let measure = |(channel, field): (&Channel, Field)| {
         format!("{} {:.3} {}", named(channel), field.number(record), channel.unit)
     };
-    let measures = pairs().filter(|(channel, _)| is_measure(channel)).take(MEASURES).map(measure);
+    let measures = spec.limited().and_then(|channel| spec.channel(channel)).map(measure);
     let holds = held.filter(|_| !again).map(|target| format!("holding {target}"));
     Captions {
         action: in_words(action),

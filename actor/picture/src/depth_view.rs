@@ -6,20 +6,25 @@ use super::moment::{Moment, Task};
 use super::visible::{NOTHING, Visible};
 use simulator::depth::{NEAR_M, TAN_HALF_FIELD_OF_VIEW};
 
-const BLACK_MM: u32 = 5_000;
 pub const TINT: f32 = 0.7;
 const RING_M: f32 = 0.09;
 
 /// The picture, side × side, of as many depths in millimetres. `seen`: the scene without the robot's body, and the
-/// target's number among its bodies.
-pub fn depth_view(task: &Task, moment: &Moment, seen: (&Model, Option<u32>), side: usize, depth_mm: &[u16]) -> Canvas {
-    let (model, target) = seen;
+/// target's number among its bodies. `depths`: millimetres, and those that are black.
+pub fn depth_view(
+    task: &Task,
+    moment: &Moment,
+    seen: (&Model, Option<u32>),
+    side: usize,
+    depths: (&[u16], u16),
+) -> Canvas {
+    let ((model, target), (depth_mm, black_mm)) = (seen, depths);
     let projection = Projection::Central { tan_half_width: TAN_HALF_FIELD_OF_VIEW };
     let camera = Camera::new(moment.world_from_camera, projection, NEAR_M);
     let visible = Visible::draw(&camera, side, side, (0..).zip(model.corners()));
     let mut canvas = Canvas::new(side, side, [0; 3]);
     for (pixel, (&depth, &triangle)) in canvas.pixels.iter_mut().zip(depth_mm.iter().zip(&visible.triangle)) {
-        let grey = [brightness(depth); 3];
+        let grey = [brightness(depth, black_mm); 3];
         let is_target = triangle != NOTHING && Some(model.triangles[triangle as usize].body) == target;
         *pixel = if is_target { mix(grey, TARGET, TINT) } else { grey };
     }
@@ -45,9 +50,9 @@ pub fn mark(canvas: &mut Canvas, camera: &Camera, task: &Task, moment: &Moment, 
     }
 }
 
-pub fn brightness(depth_mm: u16) -> u8 {
-    match u32::from(depth_mm) {
+pub fn brightness(depth_mm: u16, black_mm: u16) -> u8 {
+    match depth_mm {
         0 => 0,
-        depth => (255 * BLACK_MM.saturating_sub(depth) / BLACK_MM) as u8,
+        depth => (255 * u32::from(black_mm.saturating_sub(depth)) / u32::from(black_mm)) as u8,
     }
 }

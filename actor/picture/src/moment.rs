@@ -90,17 +90,20 @@ pub struct Point {
 /// Start and goal of the target, the robot's start, everybody's way, and where it ends for what was displaced.
 pub fn points(task: &Task, moments: &[Moment]) -> Vec<Point> {
     let point = |place: Vec3, weight: f32| Point { place, weight, slack_m: SLACK_M };
-    // Its middle, its head and its foot.
+    // Its middle, its head and its foot, and where the arm's links end.
     let robot = |moment: &Moment, weight: f32| {
-        [0.0, STANDS_M, -STANDS_M].map(|up| Point {
-            place: moment.robot[0].translation + Vec3::new(0.0, up, 0.0),
+        let middle = moment.robot[0].translation;
+        let body = [0.0, STANDS_M, -STANDS_M].map(|up| Point {
+            place: middle + Vec3::new(0.0, up, 0.0),
             weight: weight / 3.0,
             slack_m: ROBOT_SLACK_M,
-        })
+        });
+        let arm = moment.robot.iter().skip(1).map(|link| point(link.translation, weight / 10.0));
+        arm.chain(body).collect::<Vec<_>>()
     };
     let mut points: Vec<Point> = task.goal.map(|goal| point(goal, START)).into_iter().collect();
     let of_target = |moment: &Moment| task.target.map(|target| moment.things[target].translation);
-    points.extend(of_target(&moments[0]).map(|start| point(start, 3.0)));
+    points.extend(of_target(&moments[0]).map(|start| point(start, START)));
     points.extend(robot(&moments[0], START));
     let place = |moment: &Moment, thing: usize| moment.things[thing].translation;
     let (first, last) = (&moments[0], &moments[moments.len() - 1]);

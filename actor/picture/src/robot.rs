@@ -19,6 +19,8 @@ const BASE_M: f32 = 0.1;
 const MAST_M: f32 = 0.055;
 const CARRIAGE_M: f32 = 0.085;
 const HEAD_M: Vec3 = Vec3::new(0.09, 0.05, 0.07);
+/// Radius of the camera's lens, which looks out of the head's front.
+const LENS_M: f32 = 0.032;
 /// Thickness of a link, of its capsule's.
 const LINK: f32 = 0.75;
 /// The floor about the base is darker: by this share at it, and up to this distance, metres.
@@ -104,6 +106,8 @@ pub fn pieces() -> Vec<Piece> {
     add(0, Primitive::Cylinder { radius_m, half_height_m: BASE_M }, up(BASE_M - top), DARK);
     add(0, Primitive::Cylinder { radius_m: MAST_M, half_height_m: mast }, up(BASE_M - HEAD_M.y), LIGHT);
     add(0, Primitive::Cuboid { half_extents_m: HEAD_M }, up(top - HEAD_M.y), palette::ROBOT);
+    let front = Pose3::translation(0.0, top - HEAD_M.y, HEAD_M.z);
+    add(0, Primitive::Sphere { radius_m: LENS_M }, front, DARK);
 
     for (part, shape) in shapes.iter().enumerate().take(HAND).skip(1) {
         let (thick_m, half_m) = capsule(shape);

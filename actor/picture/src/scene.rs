@@ -27,6 +27,12 @@ pub const GHOST: [f32; 2] = [0.5, 0.18];
 /// A ghost is hidden by what is this much nearer, metres.
 const SLACK_M: f32 = 0.005;
 const LAMPS: usize = 64;
+/// Black is what this share of all that is seen in an episode is nearer than: in frames of this side at so many moments,
+/// rounded up to steps.
+const FAR_SHARE: f32 = 0.9;
+const FAR_SIDE: usize = 28;
+const FAR_MOMENTS: usize = 24;
+const FAR_STEP_MM: u16 = 500;
 /// Light on an upright surface in a draft, as a share of that on a floor.
 const DRAFT_SIDE_LIGHT: f32 = 0.6;
 /// Light on a floor in a draft, for as bright a picture as the fine one: walls and furniture leave a part of the sky.
@@ -51,6 +57,8 @@ pub struct Scene {
     moving: Vec<usize>,
     /// Light on the first moment without the robot and what moves. Made with the first fine picture.
     dome: OnceLock<Dome>,
+    /// What is as far away is black in depth views, millimetres.
+    pub black_mm: u16,
     /// Light on each sample of the last fine picture: most of the next one shows the same.
     last: Mutex<Vec<Option<(Lit, f32)>>>,
     pub frame: PlanFrame,
@@ -63,15 +71,22 @@ impl Scene {
         let origins = moments[0].things.clone();
         let frame = PlanFrame::of(&fixed);
         let moving = moving(&task, moments);
-        Self { kitchen, task, origins, fixed, moving, dome: OnceLock::new(), last: Mutex::default(), frame }
+        let mut camera = DepthCamera::new(kitchen.bodies());
+        let some = moments.iter().step_by(moments.len().div_ceil(FAR_MOMENTS));
+        let mut seen: Vec<u16> = some.flat_map(|moment| frame_mm(&kitchen, moment, &mut camera, FAR_SIDE)).collect();
+        seen.sort_unstable();
+        let far_mm = seen[(FAR_SHARE * (seen.len() - 1) as f32) as usize];
+        let black_mm = far_mm.clamp(1, 60_000).next_multiple_of(FAR_STEP_MM);
+        Self { kitchen, task, origins, fixed, moving, dome: OnceLock::new(), black_mm, last: Mutex::default(), frame }
     }
 
-    pub fn best(&self, moments: &[Moment]) -> Orbit {
+    /// The camera from which the episode is seen best in pictures whose height is `tall`, as a share of their width.
+    pub fn best(&self, moments: &[Moment], tall: f32) -> Orbit {
         let mut model = self.at(&self.origins).0;
         for moment in moments.iter().take(1).chain(moments.last()) {
             model.add_robot(&moment.robot, true, moment.is_holding);
         }
-        viewpoint::best(&model, &points(&self.task, moments))
+        viewpoint::best(&model, &points(&self.task, moments), tall)
     }
 
     /// The room from a free camera.
@@ -119,20 +134,12 @@ impl Scene {
         self.develop(Exposure::take(&model, &self.frame.camera(), side, side, background), true, |_| 1.0)
     }
 
-    fn frame_mm(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Vec<u16> {
-        let mut bodies = Vec::new();
-        moment.world_from_bodies(&self.kitchen, &mut bodies);
-        let mut depth_mm = vec![0; side * side];
-        camera.render(&bodies, moment.world_from_camera, side, &mut depth_mm);
-        depth_mm
-    }
-
     pub fn depth(&self, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Canvas {
-        let depth_mm = self.frame_mm(moment, camera, side);
+        let depth_mm = frame_mm(&self.kitchen, moment, camera, side);
         let (mut model, first) = self.at(&moment.things);
         model.add_arm(&moment.robot);
         let target = self.task.target.map(|target| first + target as u32);
-        depth_view(&self.task, moment, (&model, target), side, &depth_mm)
+        depth_view(&self.task, moment, (&model, target), side, (&depth_mm, self.black_mm))
     }
 
     /// Whether a thing, other than the target, is in another place than at first.
@@ -213,6 +220,14 @@ impl Scene {
             lay(&model, TARGET, [0.0, TARGET_THROUGH]);
         }
     }
+}
+
+fn frame_mm(kitchen: &Kitchen, moment: &Moment, camera: &mut DepthCamera, side: usize) -> Vec<u16> {
+    let mut bodies = Vec::new();
+    moment.world_from_bodies(kitchen, &mut bodies);
+    let mut depth_mm = vec![0; side * side];
+    camera.render(&bodies, moment.world_from_camera, side, &mut depth_mm);
+    depth_mm
 }
 
 /// Share of the light that the robot leaves; on itself all.
@@ -298,7 +313,7 @@ pub(crate) mod tests {
         let mut last = first.clone();
         let end = first.things[thing].translation + Vec3::new(1.3, -0.4, 1.1);
         last.things[thing].translation = end;
-        let Vec3 { x, y, z } = scene.best(&[first, last]).camera().camera_from_world * end;
+        let Vec3 { x, y, z } = scene.best(&[first, last], 0.75).camera().camera_from_world * end;
         assert!(z > 0.0 && x.abs() < 0.42 * z && y.abs() < 0.32 * z, "it is at {x}, {y}, {z}");
     }
 
@@ -329,9 +344,8 @@ pub(crate) mod tests {
     /// Why a person would not find robot and goal in the first picture of an episode, if so.
     fn hidden(kitchen: &Arc<Kitchen>, number: u32) -> Option<String> {
         let (task, moments) = episode(kitchen, number);
-        let goal = Point { place: task.goal.unwrap(), weight: 1.0, slack_m: 0.1 };
         let scene = Scene::new(Arc::clone(kitchen), task, &moments);
-        let camera = scene.best(&moments).camera();
+        let camera = scene.best(&moments, 0.75).camera();
         let furnished = scene.at(&moments[0].things).0;
         let (mut whole, mut alone) = (furnished.clone(), Model::default());
         whole.add_robot(&moments[0].robot, true, false);
@@ -345,9 +359,23 @@ pub(crate) mod tests {
             draw(model).triangle.iter().filter(|&&triangle| triangle != NOTHING && triangle >= least).count()
         };
         let (shown, all) = (count(&whole, first), count(&alone, 0));
-        let goal_shown = draw(&furnished).shows(&camera, &goal);
-        let is_hidden = 3 * shown < all || all < 60 || !goal_shown;
-        is_hidden.then(|| format!("{}, episode {number}: {shown} of {all} pixels, goal {goal_shown}", kitchen.id()))
+        let shows = |place: Vec3| draw(&furnished).shows(&camera, &Point { place, weight: 1.0, slack_m: 0.1 });
+        let (goal, target) = (scene.task.goal.unwrap(), moments[0].things[scene.task.target.unwrap()].translation);
+        let [goal_shown, target_shown] = [goal, target].map(shows);
+        // Nothing is cut off: the arm, the goal and the target have room around them.
+        let places = moments[0].robot.iter().map(|part| part.translation).chain([goal, target]);
+        let edge = |place: Vec3| {
+            let pixel = camera.project(camera.camera_from_world * place, 160, 120);
+            (pixel.x / 80.0 - 1.0).abs().max((pixel.y / 60.0 - 1.0).abs())
+        };
+        let farthest = places.map(edge).fold(0.0, f32::max);
+        let is_hidden = 3 * shown < all || all < 60 || !goal_shown || !target_shown || farthest > 0.77;
+        is_hidden.then(|| {
+            format!(
+                "{}, episode {number}: {shown} of {all} pixels, goal {goal_shown}, target {target_shown}, {farthest}",
+                kitchen.id()
+            )
+        })
     }
 
     #[test]

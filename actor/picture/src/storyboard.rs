@@ -30,7 +30,7 @@ impl Storyboard {
     /// if there is no moment.
     pub fn new(kitchen: Arc<Kitchen>, task: Task, moments: &[Moment], side: usize) -> Self {
         let scene = Scene::new(kitchen, task, moments);
-        let outside = scene.best(moments).camera();
+        let outside = scene.best(moments, 1.0).camera();
         let model = scene.unmoved();
         let exposure = Exposure::take(&model, &outside, side, side, PAPER);
         let waiting: Vec<Lit> = exposure.waiting().collect();
@@ -54,9 +54,10 @@ impl Storyboard {
         seen.add_arm(&moment.robot);
         model.add_robot(&moment.robot, true, moment.is_holding);
         let top = height - self.side;
-        canvas.place(&depth_view(task, moment, (&seen, target), self.side, depth_mm), 0, top);
+        let depths = (depth_mm, self.scene.black_mm);
+        canvas.place(&depth_view(task, moment, (&seen, target), self.side, depths), 0, top);
         self.draw_outside(&mut canvas, top, moment, &model);
-        write(&mut canvas, self.side, task, &moment.captions);
+        write(&mut canvas, self.side, (task, self.scene.black_mm), &moment.captions);
         canvas
     }
 
@@ -74,7 +75,7 @@ impl Storyboard {
     }
 }
 
-fn write(canvas: &mut Canvas, side: usize, task: &Task, captions: &Captions) {
+fn write(canvas: &mut Canvas, side: usize, (task, black_mm): (&Task, u16), captions: &Captions) {
     let (text_px, left) = text(side);
     let line = |number: f32| 1.15 * text_px * number;
     let space = 1.2 * text_px;
@@ -88,8 +89,10 @@ fn write(canvas: &mut Canvas, side: usize, task: &Task, captions: &Captions) {
         end = canvas.text(remark, text_px, end + 0.8 * text_px, line(2.0), if *is_good { GOOD } else { BAD });
     }
     canvas.text_within(&captions.measures, text_px, left, line(3.0), FAINT);
-    // What the colours in the views stand for.
-    let (mut at, small_px) = (left, 0.8 * text_px);
+    // What each view is, and what its colours stand for.
+    let (mut at, small_px) = ((side + GAP) as f32, 0.8 * text_px);
+    let depth = format!("what the robot sees (depth): white 0 m, black {:.1} m or more", f32::from(black_mm) / 1000.0);
+    canvas.text(&depth, small_px, left, line(4.0), FAINT);
     let signs = [
         ("target", TARGET, task.target.is_some()),
         ("goal", GOAL, task.goal.is_some()),
@@ -126,8 +129,8 @@ mod tests {
     const ASIDE_M: f32 = 0.25;
 
     /// The pictures of a target to the right of the middle of the depth view, where the arm does not hide it, and of
-    /// one to the left, with another thing displaced; for one place of the goal.
-    fn pictures(goal: Vec3) -> [Canvas; 2] {
+    /// one to the left, with another thing displaced, for one place of the goal; and the depth that is black.
+    fn pictures(goal: Vec3) -> ([Canvas; 2], u16) {
         let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &SimulationConfig::default()).unwrap();
         let kitchen = Arc::new(kitchen);
         let stand = kitchen.robot_stands()[0];
@@ -146,16 +149,16 @@ mod tests {
         let goal = Some(camera * goal);
         let task = Task { target: Some(target), goal, goal_tolerance_m: 0.1, title: "bring the Bread".to_owned() };
         let story = Storyboard::new(Arc::clone(&kitchen), task, &moments, SIDE);
-        moments.map(|moment| story.draw(&moment, &vec![2_000; SIDE * SIDE]))
+        (moments.map(|moment| story.draw(&moment, &vec![2_000; SIDE * SIDE])), story.scene.black_mm)
     }
 
     #[test]
     fn target_and_goal_are_marked_in_both_views_where_they_are() {
-        let [right, left] = pictures(Vec3::new(-0.6, 0.0, 0.8));
+        let ([right, left], black_mm) = pictures(Vec3::new(-0.6, 0.0, 0.8));
         let (width, height) = Storyboard::size(SIDE);
         assert_eq!((right.width, right.height, width % 2, height % 2), (width, height, 0, 0));
         let depth_at = |canvas: &Canvas, x: usize| canvas.pixels[(height - SIDE / 2) * width + x];
-        let grey = [brightness(2_000); 3];
+        let grey = [brightness(2_000, black_mm); 3];
         let offset_px = (ASIDE_M / AHEAD_M / TAN_HALF_FIELD_OF_VIEW * SIDE as f32 / 2.0) as usize;
         let (at_left, at_right) = (SIDE / 2 - offset_px, SIDE / 2 + offset_px);
         assert_eq!([at_left, at_right].map(|x| depth_at(&right, x)), [grey, mix(grey, TARGET, TINT)]);
@@ -176,7 +179,7 @@ mod tests {
         }
         assert!(violet(&left) > violet(&right) + 4, "what is displaced is not violet");
         // The goal behind the robot: no box in the depth view.
-        let [behind, _] = pictures(Vec3::new(0.0, 0.0, -0.8));
+        let ([behind, _], _) = pictures(Vec3::new(0.0, 0.0, -0.8));
         assert_eq!(coloured(&behind, 0, GOAL), 0);
     }
 
@@ -190,23 +193,23 @@ mod tests {
             ..Captions::default()
         };
         let mut task = Task { target: None, goal: None, goal_tolerance_m: 0.1, title: "Kitchen 26".to_owned() };
-        write(&mut canvas, 448, &task, &captions);
+        write(&mut canvas, 448, (&task, 5_000), &captions);
         let has = |canvas: &Canvas, colours: &[Rgb]| colours.iter().all(|colour| canvas.pixels.contains(colour));
         assert!(has(&canvas, &[INK, BAD, FAINT, DISPLACED]) && !has(&canvas, &[GOOD]));
         // A success has another colour than a failed action.
         let mut success = Canvas::new(width, height, PAPER);
         let captions = Captions { remarks: vec![("goal success".to_owned(), true)], ..Captions::default() };
-        write(&mut success, 448, &task, &captions);
+        write(&mut success, 448, (&task, 5_000), &captions);
         assert!(has(&success, &[GOOD]) && !has(&success, &[BAD]));
         assert!(!has(&canvas, &[TARGET]) && !has(&canvas, &[GOAL]), "explains what this task has not");
         (task.target, task.goal) = (Some(0), Some(Vec3::ZERO));
-        write(&mut canvas, 448, &task, &captions);
+        write(&mut canvas, 448, (&task, 5_000), &captions);
         assert!(has(&canvas, &[TARGET, GOAL]), "does not explain its colours");
         let below = &canvas.pixels[(height - 448) * width..];
         assert!(below.iter().all(|pixel| *pixel == PAPER), "captions reach into the views");
         let mut long = Canvas::new(width, height, PAPER);
         let captions = Captions { measures: "goal 1.00 m, ".repeat(20), ..Captions::default() };
-        write(&mut long, 448, &task, &captions);
+        write(&mut long, 448, (&task, 5_000), &captions);
         let at_the_edge = long.pixels.chunks_exact(width).flat_map(|row| &row[width - 4..]);
         assert!(at_the_edge.copied().all(|pixel| pixel == PAPER), "what is long ends before the edge");
     }

@@ -9,20 +9,19 @@ use simulator::physics::geometry::{rotation_x, rotation_y};
 use std::f32::consts::TAU;
 
 const TAN_HALF_WIDTH: f32 = 0.42;
-/// Of the page's pictures; square ones show more.
-const TAN_HALF_HEIGHT: f32 = 0.75 * TAN_HALF_WIDTH;
 const DIRECTIONS: usize = 16;
 const PITCHES: [f32; 4] = [0.75, 0.6, 1.05, 1.3];
 /// What a less liked angle must show more, as a share of all points.
 const PREFERENCE: f32 = 0.06;
 /// What a picture loses, in the same share: for a metre more of radius, and where all of it lies beyond the room.
 const FARTHER: f32 = 0.05;
-const BARE: f32 = 0.15;
-/// Room around the points, and the smallest scene, metres.
-const MARGIN_M: f32 = 0.2;
-const RADIUS_LEAST_M: f32 = 1.2;
-/// As wide, for its height, as the page's picture.
-const TRIAL: (usize, usize) = (160, 120);
+const BARE: f32 = 0.4;
+/// Room between the points and each edge of the picture, as a share of it, and around each point, metres.
+const MARGIN: f32 = 0.12;
+const MARGIN_M: f32 = 0.05;
+/// The smallest scene, metres.
+const RADIUS_LEAST_M: f32 = 1.0;
+const TRIAL_WIDTH: usize = 160;
 
 /// Looks at a ball from outside and sees all of it; what stands between is cut away.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,8 +46,9 @@ fn sine() -> f32 {
     TAN_HALF_WIDTH / (1.0 + TAN_HALF_WIDTH * TAN_HALF_WIDTH).sqrt()
 }
 
-/// The nearest camera in this direction that has all points in the page's picture, with room around them.
-fn around(points: &[Point], yaw_rad: f32, pitch_rad: f32) -> Orbit {
+/// The nearest camera in this direction that has all points in its picture, which is `tall` as a share of its width, with
+/// room around them.
+fn around(points: &[Point], yaw_rad: f32, pitch_rad: f32, tall: f32) -> Orbit {
     let rotation = rotation_y(yaw_rad) * rotation_x(pitch_rad);
     let turned: Vec<Vec3> = points.iter().map(|point| rotation.inverse() * point.place).collect();
     let bounds = |of: &dyn Fn(&Vec3) -> f32| {
@@ -57,12 +57,13 @@ fn around(points: &[Point], yaw_rad: f32, pitch_rad: f32) -> Orbit {
     // Along an axis of the picture: the place that has as much room on both sides, and the farthest depth from which all
     // of it is seen.
     let fit = |across: &dyn Fn(&Vec3) -> f32, tan: f32| {
+        let tan = (1.0 - 2.0 * MARGIN) * tan;
         let low = bounds(&|place| across(place) + tan * place.z).0 - MARGIN_M;
         let high = bounds(&|place| across(place) - tan * place.z).1 + MARGIN_M;
         (0.5 * (low + high), (low - high) / (2.0 * tan))
     };
     let (x, of_width) = fit(&|place| place.x, TAN_HALF_WIDTH);
-    let (y, of_height) = fit(&|place| place.y, TAN_HALF_HEIGHT);
+    let (y, of_height) = fit(&|place| place.y, tall * TAN_HALF_WIDTH);
     let eye = of_width.min(of_height);
     let (nearest, farthest) = bounds(&|place| place.z);
     // No point is nearer than what is cut away.
@@ -72,13 +73,14 @@ fn around(points: &[Point], yaw_rad: f32, pitch_rad: f32) -> Orbit {
     Orbit { centre: rotation * Vec3::new(x, y, eye + distance_m), radius_m, yaw_rad, pitch_rad }
 }
 
-pub fn best(model: &Model, points: &[Point]) -> Orbit {
+/// The camera from which most is seen in pictures whose height is `tall`, as a share of their width.
+pub fn best(model: &Model, points: &[Point], tall: f32) -> Orbit {
     let total: f32 = points.iter().map(|point| point.weight).sum();
     let mut best: Option<(f32, Orbit)> = None;
     for (rank, pitch_rad) in PITCHES.into_iter().enumerate() {
         for direction in 0..DIRECTIONS {
-            let orbit = around(points, TAU * direction as f32 / DIRECTIONS as f32, pitch_rad);
-            let (seen, bare) = seen(model, &orbit.camera(), points);
+            let orbit = around(points, TAU * direction as f32 / DIRECTIONS as f32, pitch_rad, tall);
+            let (seen, bare) = seen(model, &orbit.camera(), points, tall);
             let lost = PREFERENCE * rank as f32 + FARTHER * orbit.radius_m + BARE * bare;
             let score = seen / total - lost;
             if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
@@ -90,8 +92,8 @@ pub fn best(model: &Model, points: &[Point]) -> Orbit {
 }
 
 /// Weight of the points that are seen, and share of the picture beyond the room.
-fn seen(model: &Model, camera: &Camera, points: &[Point]) -> (f32, f32) {
-    let (width, height) = TRIAL;
+fn seen(model: &Model, camera: &Camera, points: &[Point], tall: f32) -> (f32, f32) {
+    let (width, height) = (TRIAL_WIDTH, (tall * TRIAL_WIDTH as f32) as usize);
     let corners = model.before(camera).map(|(number, triangle)| (number, triangle.corners));
     let visible = Visible::draw(camera, width, height, corners);
     let bare = visible.triangle.iter().filter(|&&triangle| triangle == NOTHING).count();
@@ -115,10 +117,10 @@ mod tests {
         }
         let point = |x: f32, y: f32| Point { place: Vec3::new(x, y, 0.0), weight: 1.0, slack_m: 0.1 };
         let points = [point(0.0, 0.2), point(0.05, 0.3)];
-        let camera = best(&model, &points).camera();
+        let camera = best(&model, &points, 0.75).camera();
         let eye = camera.camera_from_world.inverse().translation;
         assert!(eye.x > eye.z.abs() && eye.y > 0.5, "looks from {eye}");
-        assert!((seen(&model, &camera, &points).0 - 2.0).abs() < 1e-6);
+        assert!((seen(&model, &camera, &points, 0.75).0 - 2.0).abs() < 1e-6);
     }
 
     /// A ball around the points is as high as it is wide, and a picture is not.
@@ -129,15 +131,16 @@ mod tests {
             [point(0.0, 0.0, 0.0), point(0.0, 1.7, 0.0), point(0.6, 1.0, 0.4)],
             [point(-2.0, 0.0, 1.0), point(2.5, 1.7, 0.0), point(0.6, 1.0, 3.0)],
         ] {
-            for (yaw_rad, pitch_rad) in [(0.0, 0.6), (2.0, 0.75), (4.5, 1.3)] {
-                let orbit = around(&points, yaw_rad, pitch_rad);
+            for (yaw_rad, pitch_rad, tall) in [(0.0, 0.6, 0.75), (2.0, 0.75, 1.0), (4.5, 1.3, 0.75)] {
+                let orbit = around(&points, yaw_rad, pitch_rad, tall);
                 let camera_from_world = orbit.camera().camera_from_world;
                 let at = points.map(|point| camera_from_world * point.place);
                 let within = |share: fn(Vec3) -> f32| at.map(share).into_iter().fold(0.0, f32::max);
                 let wide = within(|place| place.x.abs() / place.z / TAN_HALF_WIDTH);
-                let high = within(|place| place.y.abs() / place.z / TAN_HALF_HEIGHT);
-                assert!(wide < 1.0 && high < 1.0, "{orbit:?}: {wide} {high}");
-                assert!(wide.max(high) > 0.7 || orbit.radius_m <= RADIUS_LEAST_M, "{orbit:?}: {wide} {high}");
+                let high = within(|place| place.y.abs() / place.z / TAN_HALF_WIDTH) / tall;
+                let inner = 1.0 - 2.0 * MARGIN;
+                assert!(wide < inner && high < inner, "{orbit:?}: {wide} {high}");
+                assert!(wide.max(high) > 0.9 * inner || orbit.radius_m <= RADIUS_LEAST_M, "{orbit:?}: {wide} {high}");
                 let cut = orbit.radius_m / sine() - orbit.radius_m;
                 assert!(at.iter().all(|place| place.z > cut), "{orbit:?}");
             }

@@ -90,7 +90,7 @@ impl Film {
         self.moments.push(moment(environment, words(rules, seen)));
     }
 
-    /// Draws it; `drawn` is called after each moment.
+    /// Draws it; `drawn` is called after each moment. Returns how many pictures there are, and the name of a film's file.
     pub fn develop(
         mut self,
         images: &ReplayImages,
@@ -99,7 +99,7 @@ impl Film {
         environment: &Base,
         camera: &mut DepthCamera,
         mut drawn: impl FnMut() -> Result<()>,
-    ) -> Result<u64> {
+    ) -> Result<(u64, Option<String>)> {
         let kitchen = environment.kitchen();
         let count = self.moments.len() - 1;
         for (step, moment) in self.moments.iter_mut().enumerate() {
@@ -159,13 +159,13 @@ mod tests {
             rules.spec.channel(name).unwrap().1.of_mut::<f32>(&mut record)[0] = number;
         };
         set("picked_up", 1.0);
-        set("wrist_object_m", 0.25);
+        set("disturbance_m", 0.25);
         let said = words(&rules, &Seen { record: &record, rewards: Some(&[]) });
         assert_eq!(
             (said.action.as_str(), &said.remarks[..]),
             ("move arm height +", &[("picked up".to_owned(), true)][..])
         );
-        assert!(said.measures.contains("wrist to object 0.250 m"), "{}", said.measures);
+        assert_eq!(said.measures, "disturbance 0.250 m");
         assert_eq!(words(&rules, &Seen { record: &record, rewards: None }).action, "");
         // While it is held, and where it is to be picked up again.
         let mut again = record.clone();

@@ -91,16 +91,20 @@ impl Sink {
         Ok(())
     }
 
-    /// Completes the file; returns the number of pictures.
-    pub fn finish(self) -> Result<u64> {
-        match self.kind {
-            Kind::Stills(_) => {}
+    /// Completes the file; returns the number of pictures, and a film's name.
+    pub fn finish(self) -> Result<(u64, Option<String>)> {
+        let path = match self.kind {
+            Kind::Stills(_) => return Ok((self.kept as u64, None)),
             Kind::Animation(path, writer, _) => {
                 writer.finish().with_context(|| format!("cannot complete {}", path.display()))?;
+                path
             }
-            Kind::Film(path, encoder) => encoder.finish(&path)?,
-        }
-        Ok(self.kept as u64)
+            Kind::Film(path, encoder) => {
+                encoder.finish(&path)?;
+                path
+            }
+        };
+        Ok((self.kept as u64, path.file_name().map(|name| name.to_string_lossy().into_owned())))
     }
 }
 
@@ -187,7 +191,7 @@ mod tests {
         let mut sink = Sink::create(&images(folder.path(), ImageFormat::Png), &new, "episode", 1).unwrap();
         let depths = [0u16, 1, 255, 256, 1000, 2000, 3000, 30000, 32766];
         sink.depth(3, &depths).unwrap();
-        assert_eq!(sink.finish().unwrap(), 1);
+        assert_eq!(sink.finish().unwrap(), (1, None));
         let mut reader = decoder(&new.join("episode/step-000.png"));
         let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut bytes).unwrap();
@@ -207,7 +211,7 @@ mod tests {
             canvas.pixels[index] = [200, 0, 0];
             sink.moment(&canvas).unwrap();
         }
-        assert_eq!(sink.finish().unwrap(), 3);
+        assert_eq!(sink.finish().unwrap(), (3, Some("episode.png".to_owned())));
         let mut reader = decoder(&new.join("episode.png"));
         assert_eq!(reader.info().animation_control().unwrap().num_frames, 3);
         let mut bytes = vec![0; reader.output_buffer_size().unwrap()];

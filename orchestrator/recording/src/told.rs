@@ -28,6 +28,7 @@ pub fn shown(
         orbit: ShowOrbit { centre_m: [0.0; 3], radius_m: 1.0, yaw_rad: 0.0, pitch_rad: 0.0 },
         plan_centre_m: [0.0; 2],
         plan_half_width_m: 1.0,
+        black_m: 1.0,
         moments: moments.collect(),
         things: Vec::new(),
         compared: 0,
@@ -58,5 +59,6 @@ fn moment(declared: &Declared, acted: Option<&Told>, seen: Option<&Told>) -> Sho
             .zip(acted.iter().flat_map(|step| step.rewards.clone()))
             .collect(),
         moved: Vec::new(),
+        nearly: None,
     }
 }

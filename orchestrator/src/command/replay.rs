@@ -167,7 +167,12 @@ pub fn run(args: &ReplayArgs) -> Result<ExitCode> {
 fn names_since(folder: &Path, began: SystemTime) -> Vec<String> {
     let is_new = |file: &DirEntry| file.metadata().and_then(|file| file.modified()).is_ok_and(|time| time >= began);
     let files = std::fs::read_dir(folder).into_iter().flatten().flatten().filter(is_new);
-    let mut names: Vec<String> = files.map(|file| format!("  {}", file.file_name().display())).collect();
+    let named = |file: DirEntry| {
+        let name = file.file_name();
+        let is_animated = Path::new(&name).extension().is_some_and(|ending| ending == "png");
+        format!("  {}{}", name.display(), if is_animated { " (animated: open in a browser)" } else { "" })
+    };
+    let mut names: Vec<String> = files.map(named).collect();
     names.sort_unstable();
     let more = names.len().saturating_sub(NAMES_MOST);
     names.truncate(NAMES_MOST);
@@ -245,8 +250,11 @@ mod tests {
         let old = write("old.mp4");
         old.set_modified(SystemTime::UNIX_EPOCH).unwrap();
         write("b.mp4");
-        write("a.mp4");
-        assert_eq!(names_since(folder.path(), SystemTime::UNIX_EPOCH + Duration::from_secs(1)), ["  a.mp4", "  b.mp4"]);
+        write("a.png");
+        assert_eq!(
+            names_since(folder.path(), SystemTime::UNIX_EPOCH + Duration::from_secs(1)),
+            ["  a.png (animated: open in a browser)", "  b.mp4"]
+        );
         (0..NAMES_MOST).for_each(|number| drop(write(&format!("{number:02}.mp4"))));
         let names = names_since(folder.path(), SystemTime::UNIX_EPOCH);
         assert_eq!((names.len(), names[10].as_str()), (11, "  and 3 more"));

@@ -72,7 +72,8 @@ pub fn run(args: &ReportArgs) -> Result<()> {
     }
     let gathered = gather(&given, &args.runs)?;
     let runs = gathered.runs.len();
-    let (report, differences) = write(gathered, &options(&args.thresholds)?, &out)?;
+    let subject = if let [one] = &args.runs[..] { Some(one.as_path()) } else { None };
+    let (report, differences) = write(gathered, &options(&args.thresholds)?, subject, &out)?;
     if args.json {
         terminal::out_json(&report)?;
     } else if let Some(table) = &args.table {

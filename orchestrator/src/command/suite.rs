@@ -183,7 +183,8 @@ pub fn run(args: &SuiteArgs) -> Result<ExitCode> {
         terminal::note("no run could be begun: there is nothing to report on");
         tell(None)?;
     } else {
-        let (report, _) = files::write(gather(&begun, &[])?, &Options::default(), &folder.report())?;
+        let (report, _) =
+            files::write(gather(&begun, &[])?, &Options::default(), Some(folder.root()), &folder.report())?;
         if !args.json {
             super::report::print(&report);
         }

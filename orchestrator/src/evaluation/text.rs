@@ -10,7 +10,7 @@ use proto::run_folder::BEST;
 use proto::task::{Described, Spec};
 use report::statistics::{Interval, wilson};
 use std::path::Path;
-use view::data::{ResultRow, Results};
+use view::data::{ResultRow, Results, Within};
 
 /// Which episodes are played, as people read it.
 pub fn episodes_of(config: &Config, asked: &EvaluationConfig) -> String {
@@ -121,7 +121,14 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Ve
             "{played} of {asked} target categories were played: `--episodes` in multiples of 6 plays all"
         ));
     }
-    lines.extend(results.intervals);
+    // The row of all episodes is the last.
+    let overall = results.rows.last().map_or(&[][..], |row| &row.cells);
+    let intervals = results.heads.iter().zip(overall).zip(&results.intervals);
+    lines.extend(intervals.filter_map(|(([head, _], mean), interval)| {
+        let Within { whose, low, high } = interval.as_ref()?;
+        let label = head.trim_end_matches(" (m)");
+        Some(format!("{label} {mean}, {whose} 95% interval {low} to {high}"))
+    }));
     let figures: Vec<String> = results.figures.iter().map(|[label, figure, _]| format!("{label} {figure}")).collect();
     lines.extend(wrapped(&figures.join("  "), columns.unwrap_or(UNBROKEN)));
     let rate = if wall_s > 0.0 { format::rate(steps as f64 / wall_s) } else { NOTHING.to_owned() };
@@ -154,16 +161,16 @@ pub fn results(spec: &Spec, evaluation: &Evaluation) -> Results {
     let parts = kitchens.iter().map(of_kitchen).chain(evaluation.categories.iter().map(of_category));
     let sets = evaluation.object_sets.iter().map(|part| row(part.objects.name(), None, &part.figures));
     let overall = &evaluation.overall;
-    let interval = |one: &&Described| {
+    let interval = |one: &Described| {
         let mean = overall.get(&one.name)?;
         let (whose, [low, high]) = if one.is_share() {
             let successes = (mean * overall.episodes as f64).round() as u64;
-            wilson(successes, overall.episodes).map(|Interval { low, high }| ("Wilson's 95% interval", [low, high]))?
+            wilson(successes, overall.episodes).map(|Interval { low, high }| ("Wilson's", [low, high]))?
         } else {
-            ("95% interval of a bootstrap", *evaluation.intervals.get(&one.name)?)
+            ("the bootstrap's", *evaluation.intervals.get(&one.name)?)
         };
-        let [mean, low, high] = [mean, low, high].map(|figure| shown(one, Some(figure)));
-        Some(format!("{} {mean}, {whose} {low} to {high}", one.label))
+        let [low, high] = [low, high].map(|figure| shown(one, Some(figure)));
+        Some(Within { whose, low, high })
     };
     let figure = |one: &Described| {
         let figure = overall.get(&one.name);
@@ -173,7 +180,7 @@ pub fn results(spec: &Spec, evaluation: &Evaluation) -> Results {
     Results {
         heads: columns.iter().map(|one| [heading(one), one.doc.clone()]).collect(),
         rows: parts.chain(sets).chain([row("all", None, overall)]).collect(),
-        intervals: columns.iter().filter_map(interval).collect(),
+        intervals: columns.iter().map(|one| interval(one)).collect(),
         figures: further.iter().filter(printed).map(figure).collect(),
     }
 }

@@ -113,7 +113,12 @@ pub fn simulate(setup: &ReplaySetup, episodes: Vec<RecordedEpisode>) -> Result<T
         match inbox.recv_timeout(PROGRESS_INTERVAL) {
             Ok(Report::Line(line)) => {
                 match line {
-                    ReplayLine::Verdict(verdict) => totals.add(&verdict),
+                    ReplayLine::Verdict(verdict) => {
+                        totals.add(&verdict);
+                        if let Some(film) = &verdict.film {
+                            terminal::note(&format!("drawn: {film}"));
+                        }
+                    }
                     ReplayLine::Drawn { drawn } => totals.drawn += drawn,
                 }
                 last_answer = Instant::now();
@@ -337,6 +342,7 @@ mod tests {
             compared: 3,
             first_difference: difference.map(reward_at),
             images: 0,
+            film: None,
         };
         for (kitchen, difference) in [(9, Some(1)), (3, Some(2)), (1, None)] {
             totals.add(&verdict(kitchen, difference));

@@ -64,8 +64,9 @@ fn refused(what: &str, path: &Path) -> String {
 }
 
 /// Makes the report on what was gathered and writes it to `out`: the numbers first, by which the folder is known for a
-/// report, the page last. An older report there is replaced. With the settings in which its groups differ.
-pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<(Report, Vec<Row>)> {
+/// report, the page last. An older report there is replaced. With the settings in which its groups differ. `subject`: the one
+/// folder that it is of.
+pub fn write(gathered: Gathered, options: &Options, subject: Option<&Path>, out: &Path) -> Result<(Report, Vec<Row>)> {
     check_free(out)?;
     let Gathered { runs, notes } = gathered;
     let report = Report::of(&runs, options, notes)?;
@@ -86,6 +87,7 @@ pub fn write(gathered: Gathered, options: &Options, out: &Path) -> Result<(Repor
     let differences = between(&report, &runs);
     let data = json!({
         "made": made,
+        "name": subject.and_then(Path::file_name).map(|name| name.to_string_lossy()),
         "program": name::called(),
         "drawn": has(|config| config.environment.is_none()),
         "labelled": has(|config| config.label().is_some()),

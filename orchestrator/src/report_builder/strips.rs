@@ -27,10 +27,14 @@ const RUNS: usize = 3;
 const TRIED: usize = 200;
 const PATIENCE: Duration = Duration::from_mins(2);
 
-const MARKS: &str = "Violet: what is displaced, with a ghost where it stood; green box: the goal";
+const VIOLET: &str = "Violet: what is displaced, with a ghost where it stood; green box: the goal";
+const GOAL: &str = "Green box: the goal";
 
 #[derive(Debug, Serialize)]
 pub struct ShownEpisode {
+    /// Name and task of its run.
+    run: String,
+    task: String,
     caption: String,
     /// As weights from before a stage played it and those from after it, or as one policy did.
     strips: Vec<ShownStrip>,
@@ -82,15 +86,17 @@ fn best(run: &Run, evaluated: &Evaluated) -> Result<ShownEpisode> {
         Some(taken.map(|taken| (record, taken)))
     });
     let (record, taken) = found.context("its recordings hold no whole episode")??;
-    let (frames, _) = Actor::start()?.show("best", taken, None)?;
+    let (frames, _, violet) = Actor::start()?.show("best", taken, None)?;
     Ok(ShownEpisode {
+        run: run.name.clone(),
+        task: run.config.task.clone(),
         caption: format!(
             "{}, seed {}: {}, the best of {}. {}",
             run.name,
             run.config.seed,
             called(record),
             counted(evaluated.episodes.len() as u64, "episode"),
-            marks(record)
+            marks(record, violet)
         ),
         strips: vec![ShownStrip { title: ending(spec, record), frames }],
     })
@@ -101,8 +107,9 @@ fn called(record: &EpisodeRecord) -> String {
     format!("kitchen {}, episode {}{target}", record.kitchen.number(), record.episode)
 }
 
-fn marks(record: &EpisodeRecord) -> String {
-    format!("{MARKS}{}.", record.category.map_or("", |_| "; pink ring: the target"))
+/// `violet`: whether anything in the pictures is.
+fn marks(record: &EpisodeRecord, violet: bool) -> String {
+    format!("{}{}.", if violet { VIOLET } else { GOAL }, record.category.map_or("", |_| "; pink ring: the target"))
 }
 
 fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
@@ -118,15 +125,17 @@ fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
     let (records, recorded) = found.context("their recordings hold no episode that both played")??;
     let actor = Actor::start()?;
     let [before, after] = recorded;
-    let (before, orbit) = actor.show("before", before, None)?;
+    let (before, orbit, violet_before) = actor.show("before", before, None)?;
     // Both from one place, that what is compared is seen alike.
-    let (after, _) = actor.show("after", after, Some(orbit))?;
+    let (after, _, violet_after) = actor.show("after", after, Some(orbit))?;
     let title = |when: &str, one: &Evaluated, record: &EpisodeRecord| {
         let spec = pair.run.config.spec();
         let (frames, end) = (format::count(one.result.subject.frames), ending(spec, record));
         format!("{when} stage {}, {frames} frames: {end}", pair.stage)
     };
     Ok(ShownEpisode {
+        run: pair.run.name.clone(),
+        task: pair.run.config.task.clone(),
         caption: format!(
             "{}, seed {}: {}, played by the weights from before stage {} and from after it. Of the {} that both played \
              it is the one that shows most: the best afterwards, and then the largest rise of the return under the \
@@ -136,7 +145,7 @@ fn both(pair: &EvaluatedPair<'_>) -> Result<ShownEpisode> {
             called(records[0]),
             pair.stage,
             counted(pair.episodes.len() as u64, "episode"),
-            marks(records[0]),
+            marks(records[0], violet_before || violet_after),
         ),
         strips: vec![
             ShownStrip { title: title("before", pair.before, records[0]), frames: before },
@@ -199,12 +208,13 @@ impl Actor {
         Ok(Self { runtime, scene_renderer })
     }
 
+    /// Its pictures, the camera, and whether anything in them is displaced.
     fn show(
         &self,
         name: &str,
         (setup, episode): (ReplaySetup, RecordedEpisode),
         orbit: Option<ShowOrbit>,
-    ) -> Result<(Vec<Frame>, ShowOrbit)> {
+    ) -> Result<(Vec<Frame>, ShowOrbit, bool)> {
         let (answer, _) = self.ask(ShowRequest::Open { name: name.to_owned(), setup, episode: Box::new(episode) })?;
         let ShowAnswer::Opened(shown) = answer else { bail!("an episode cannot be simulated again: {}", why(&answer)) };
         if let Some(difference) = &shown.first_difference {
@@ -230,7 +240,8 @@ impl Actor {
                 answer => bail!("a picture cannot be drawn: {}", why(&answer)),
             }
         });
-        Ok((frames.collect::<Result<_>>()?, orbit))
+        let violet = steps(shown.moments.len()).any(|step| !shown.moments[step].moved.is_empty());
+        Ok((frames.collect::<Result<_>>()?, orbit, violet))
     }
 
     fn ask(&self, request: ShowRequest) -> Result<(ShowAnswer, Vec<u8>)> {

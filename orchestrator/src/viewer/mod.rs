@@ -259,9 +259,13 @@ impl Runs for RunReaders {
     }
 
     fn report(&self, run: &str) -> Result<String, Problem> {
-        let page = self.suite_of(run).map(|(folder, standing)| (folder, standing.report()));
-        let (folder, Some(page)) = page? else {
-            return Err(Problem::NotThere(format!("{run} is of no suite that has a report")));
+        let (folder, page) = match self.with(run, |watched| Ok(watched.report()))? {
+            Some(own) => own,
+            None => {
+                let (folder, standing) = self.suite_of(run)?;
+                let none = || Problem::NotThere(format!("{run} has no report, nor has its suite"));
+                (folder, standing.report().ok_or_else(none)?)
+            }
         };
         let unreadable = |cause: String| Problem::Unreadable(format!("{}: {cause}", page.display()));
         let bytes = folder.read(&page, RESULT_BYTES_MOST).map_err(|error| unreadable(error.to_string()))?;

@@ -11,6 +11,7 @@ use crate::evaluation::journal;
 use crate::evaluation::progress::Progress;
 use crate::evaluation::text::{brief, conditions, results};
 use crate::output::format;
+use crate::report_builder::files::PAGE;
 use crate::run::checkpoints::newest_path;
 use crate::run::identity::{Identity, is_evaluation};
 use crate::run::lock::{LockState, holder, state_of};
@@ -120,6 +121,7 @@ impl Watched {
             metrics: config.spec().shown(),
             note: self.notes().next().cloned(),
             scenes: scene_names(config, &self.folder),
+            report: self.report().map(|(_, page)| page.display().to_string()),
             ..self.entry.card()
         };
         if let Some(standing) = Progress::read(&self.folder, config)? {
@@ -367,6 +369,12 @@ impl Watched {
         self.episode_index.advance(LOOK);
         let (kitchen, environment, episode) = self.episode_index.last_of(kitchen, environment)?;
         Some(EpisodeKey { kitchen, environment, episode })
+    }
+
+    /// Of a run of no suite its folder, and the page of its report in it, where there is one.
+    pub fn report(&self) -> Option<(RunFolder, PathBuf)> {
+        let page = self.folder.root().join("report").join(PAGE);
+        (self.entry.suite.is_none() && self.folder.has(&page)).then(|| (self.folder.clone(), page))
     }
 
     pub fn suite(&self) -> Option<&Path> {

@@ -166,6 +166,9 @@ pub struct ReplayVerdict {
     pub compared: u64,
     pub first_difference: Option<Difference>,
     pub images: u64,
+    /// Name of its film's file, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub film: Option<String>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

@@ -151,7 +151,8 @@ struct Comparison<'a> {
 impl<'a> Comparison<'a> {
     fn of(rules: &'a Rules, recorded: &'a RecordedEpisode) -> Self {
         let RecordedEpisode { environment, episode, .. } = *recorded;
-        let verdict = ReplayVerdict { environment, episode, compared: 0, first_difference: None, images: 0 };
+        let verdict =
+            ReplayVerdict { environment, episode, compared: 0, first_difference: None, images: 0, film: None };
         Self { rules, recorded, verdict }
     }
 

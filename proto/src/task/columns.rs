@@ -2,7 +2,7 @@
 
 use super::error::SpecError;
 use super::figure::{Column, Described, Figure, Take};
-use super::metric::{Kind, Metric};
+use super::metric::{Clause, Kind, Limit, Metric};
 use super::spec::Spec;
 use std::collections::BTreeMap;
 
@@ -81,6 +81,13 @@ impl Spec {
         let mut ranking: Vec<&Metric> = self.metrics.iter().find(is_headline).into_iter().collect();
         ranking.extend(self.metrics.first().filter(|first| !is_headline(first)));
         ranking
+    }
+
+    /// The channel that the first clause with a number as its limit is about.
+    pub fn limited(&self) -> Option<&str> {
+        let is_limited = |clause: &&Clause| clause.limits.values().any(|limit| matches!(limit, Limit::Number(_)));
+        let clause = self.metrics.iter().flat_map(|metric| &metric.all_of).find(is_limited);
+        clause.map(|clause| clause.channel.as_str())
     }
 
     pub(super) fn check_figures(&self) -> Result<(), SpecError> {

@@ -122,7 +122,7 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
             "/Bring the [A-Z].* to its goal[^]*episode \\d+ in kitchen 7/.test(document.querySelector('main').innerText)",
         );
         browser.wait_for(
-            "/Watched to the end: \\d, SR \\d.*; ended in all: \\d+, SR \\d/.test(document.querySelector('main').innerText)",
+            "/\\d episodes? ended in kitchen 7, SR \\d.*; you watched \\d to the end, SR \\d/.test(document.querySelector('main').innerText)",
         );
         // The list of all that have ended is one click away.
         browser.wait_for("/^#.run.small-\\d+.episodes$/.test(document.querySelector('main a').hash)");
@@ -136,6 +136,7 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
         };
         browser.press(" ");
         browser.wait_for(&button("Play"));
+        browser.wait_for("document.querySelector('main').innerText.includes('the policy goes on')");
         let step = "document.querySelector('[data-episode]').dataset.step";
         // A step that was being shown.
         std::thread::sleep(std::time::Duration::from_secs(1));

@@ -77,7 +77,14 @@ fn a_run_is_watched_and_an_episode_is_looked_at() {
     // Of a run at rest: its newest episodes, and nothing that is of the moment.
     browser.wait_for("document.querySelectorAll('.tiles canvas.room[data-step]').length > 0");
     assert_eq!(browser.value("document.body.innerText.includes('What they see now')"), false);
-    assert_eq!(browser.value("document.querySelector('summary').innerText.includes('have ended')"), true);
+    assert_eq!(
+        browser.value("[...document.querySelectorAll('summary')].some((one) => one.innerText.includes('have ended'))"),
+        true
+    );
+    // What its figures are, and how it is evaluated, which it is not yet.
+    let said = "['What SR, SRwoD', 'not evaluated yet:'].every((text) => document.querySelector('main').innerText.includes(text))";
+    browser.wait_for(said);
+    assert_eq!(browser.value("document.querySelectorAll('main th[title^=\"Success rate\"]').length > 0"), true);
     keep(&mut browser, "run");
     thumbnails_are_tried_again(&mut browser);
     what_is_waited_for_is_said(&mut browser);
@@ -123,6 +130,9 @@ fn thumbnails_are_tried_again(browser: &mut Browser) {
            await showRun(planted.root, 'watched', planted.leaving.signal); \
          })()",
     );
+    // A reader that is late is no news where nothing is missing.
+    browser.value("planted.events.onmessage({ data: JSON.stringify({ error: 'late', waits: true }) }); 0");
+    assert_eq!(browser.value("planted.root.textContent.includes('late')"), false);
     let kept = "planted.root.querySelectorAll('.tiles figure').length === 6";
     assert_eq!(browser.value(kept), true, "what comes late has its room");
     browser.wait_for("planted.failing < 0 && planted.root.querySelector('.tiles canvas.room[data-step]')");
@@ -208,6 +218,20 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     browser.wait_for(&format!("document.body.innerText.includes('step {last}')"));
     let room = pixels(browser, "canvas.orbit");
     keep(browser, "episode");
+    // The keys are one click away, and how far the robot's view reaches is said.
+    browser.value("document.querySelector('details.keys summary').click()");
+    browser.wait_for("[...document.querySelectorAll('kbd')].some((key) => key.checkVisibility() && key.textContent === 'shift arrows')");
+    browser.wait_for(
+        "/^0 m +\\d+\\.\\d m or more$/.test(document.querySelector('.swatch.depths').parentElement.textContent)",
+    );
+    // What moved most has its name, also where nothing is violet.
+    let named = "(async () => { const { Stage } = await import('/stage.js'); const table = { moved: document.createElement('div'), episode: { things: [] } }; \
+        Stage.prototype.displaced.call(table, { moved: [], nearly: ['CoffeeMachine', 0.004], channels: { disturbance_m: [0.012] } }); return table.moved.innerText; })()";
+    let named = browser.value(named);
+    assert!(
+        named.as_str().is_some_and(|text| text.contains("CoffeeMachine") && text.contains("others, less than")),
+        "{named}"
+    );
     // What stands above the pictures of its film.
     let caption = browser.value(
         "(async () => { const { caption } = await import('/film.js'); const outcome = 'time-limit'; \
@@ -290,6 +314,9 @@ fn two_are_beside_one_another(browser: &mut Browser, workshop: &Workshop) {
     browser.wait_for("document.querySelector('a[href=\"#/run/copied\"]')");
     // A column's head sorts, also by keys, and a reload keeps that.
     browser.value("document.activeElement.blur()");
+    // What its figures are, and of which episodes.
+    browser.wait_for("document.querySelector('th[data-column=SR]').title.startsWith('Success rate')");
+    browser.wait_for("document.querySelector('main').innerText.includes('of an evaluation: over all its episodes')");
     for (order, first) in [("descending", "watched"), ("ascending", "copied")] {
         tab_to(browser, "th[data-column=run] button");
         browser.press("Enter");
