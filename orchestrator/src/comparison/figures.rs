@@ -219,7 +219,7 @@ pub fn side_by_side(evaluations: &mut [Vec<Figure>]) {
         evaluations.iter().flatten().map(|figure| &*figure.of).filter(|of| !of.is_empty()).collect();
     if kinds.len() > 1 {
         for figure in evaluations.iter_mut().flatten().filter(|figure| figure.part == Part::Evaluation) {
-            figure.of = "evaluation".to_owned();
+            "evaluation".clone_into(&mut figure.of);
         }
     }
 }

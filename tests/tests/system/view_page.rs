@@ -222,7 +222,7 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     browser.value("document.querySelector('details.keys summary').click()");
     browser.wait_for("[...document.querySelectorAll('kbd')].some((key) => key.checkVisibility() && key.textContent === 'shift arrows')");
     browser.wait_for(
-        "/^0\\sm\\s+\\d+\\.\\d\\sm or more$/.test(document.querySelector('.swatch.depths').parentElement.textContent)",
+        "/^0\\sm\\s+\\d+\\.\\d m or more$/.test(document.querySelector('.swatch.depths').parentElement.textContent)",
     );
     // What moved most has its name, also where nothing is violet.
     let named = "(async () => { const { Stage } = await import('/stage.js'); const table = { moved: document.createElement('div'), episode: { things: [] } }; \
