@@ -442,8 +442,8 @@ export class Stage {
     this.problem = h("p", { class: "notice error", hidden: true, role: "alert" });
     this.drawn = new Promise((resolve) => { this.orbit = new OrbitView(this, (camera) => this.turned?.(camera), resolve); });
     this.depth = framed(h("canvas", { class: "depth", width: 224, height: 224, role: "img" }), "picture");
-    const black = number(episode.black_m, 1);
-    this.scale = h("div", { class: "legend small soft" }, h("span", {}, "0 m ", h("span", { class: "swatch depths" }), ` ${black} m or more`));
+    this.black = h("span", {});
+    this.scale = h("div", { class: "legend small soft" }, h("span", {}, "0 m ", h("span", { class: "swatch depths" }), this.black));
     this.plan = new PlanView(this);
     this.words = h("div", { class: "row" });
     this.parts = h("div", {});
@@ -568,6 +568,8 @@ export class Stage {
   tell() {
     const now = this.episode.moments[this.step];
     if (this.isPictured) this.plan.draw(this.step);
+    // Of an episode that goes on more and more is known.
+    this.black.textContent = ` ${number(this.episode.black_m, 1)} m or more`;
     const { task } = this.episode;
     const { acted, noted, measured } = this.said(this.step);
     replace(this.words, h("strong", {}, `step ${this.step}`), h("span", {}, acted),

@@ -29,7 +29,7 @@ const SLACK_M: f32 = 0.005;
 const LAMPS: usize = 64;
 /// Black is what this share of all that is seen in an episode is nearer than: in frames of this side at so many moments,
 /// rounded up to steps.
-const FAR_SHARE: f32 = 0.9;
+const FAR_SHARE: f32 = 0.95;
 const FAR_SIDE: usize = 28;
 const FAR_MOMENTS: usize = 24;
 const FAR_STEP_MM: u16 = 500;

@@ -259,14 +259,13 @@ impl Runs for RunReaders {
     }
 
     fn report(&self, run: &str) -> Result<String, Problem> {
-        let (folder, page) = match self.with(run, |watched| Ok(watched.report()))? {
-            Some(own) => own,
-            None => {
-                let (folder, standing) = self.suite_of(run)?;
-                let none = || Problem::NotThere(format!("{run} has no report, nor has its suite"));
-                (folder, standing.report().ok_or_else(none)?)
-            }
+        let of_suite = || {
+            let (folder, standing) = self.suite_of(run)?;
+            let none = || Problem::NotThere(format!("{run} has no report, nor has its suite"));
+            Ok((folder, standing.report().ok_or_else(none)?))
         };
+        let own = self.with(run, |watched| Ok(watched.report()))?;
+        let (folder, page) = own.map_or_else(of_suite, Ok)?;
         let unreadable = |cause: String| Problem::Unreadable(format!("{}: {cause}", page.display()));
         let bytes = folder.read(&page, RESULT_BYTES_MOST).map_err(|error| unreadable(error.to_string()))?;
         String::from_utf8(bytes).map_err(|error| unreadable(error.to_string()))

@@ -131,8 +131,8 @@ fn thumbnails_are_tried_again(browser: &mut Browser) {
          })()",
     );
     // A reader that is late is no news where nothing is missing.
-    browser.value("planted.events.onmessage({ data: JSON.stringify({ error: 'late', waits: true }) }); 0");
-    assert_eq!(browser.value("planted.root.textContent.includes('late')"), false);
+    browser.value("planted.events.onmessage({ data: JSON.stringify({ error: 'a planted delay', waits: true }) }); 0");
+    assert_eq!(browser.value("planted.root.textContent.includes('a planted delay')"), false);
     let kept = "planted.root.querySelectorAll('.tiles figure').length === 6";
     assert_eq!(browser.value(kept), true, "what comes late has its room");
     browser.wait_for("planted.failing < 0 && planted.root.querySelector('.tiles canvas.room[data-step]')");
@@ -222,7 +222,7 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     browser.value("document.querySelector('details.keys summary').click()");
     browser.wait_for("[...document.querySelectorAll('kbd')].some((key) => key.checkVisibility() && key.textContent === 'shift arrows')");
     browser.wait_for(
-        "/^0 m +\\d+\\.\\d m or more$/.test(document.querySelector('.swatch.depths').parentElement.textContent)",
+        "/^0\\sm\\s+\\d+\\.\\d m or more$/.test(document.querySelector('.swatch.depths').parentElement.textContent)",
     );
     // What moved most has its name, also where nothing is violet.
     let named = "(async () => { const { Stage } = await import('/stage.js'); const table = { moved: document.createElement('div'), episode: { things: [] } }; \
