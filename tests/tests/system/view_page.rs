@@ -218,20 +218,7 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     browser.wait_for(&format!("document.body.innerText.includes('step {last}')"));
     let room = pixels(browser, "canvas.orbit");
     keep(browser, "episode");
-    // The keys are one click away, and how far the robot's view reaches is said.
-    browser.value("document.querySelector('details.keys summary').click()");
-    browser.wait_for("[...document.querySelectorAll('kbd')].some((key) => key.checkVisibility() && key.textContent === 'shift arrows')");
-    browser.wait_for(
-        "/^0\\sm\\s+\\d+\\.\\d m or more$/.test(document.querySelector('.swatch.depths').parentElement.textContent)",
-    );
-    // What moved most has its name, also where nothing is violet.
-    let named = "(async () => { const { Stage } = await import('/stage.js'); const table = { moved: document.createElement('div'), episode: { things: [] } }; \
-        Stage.prototype.displaced.call(table, { moved: [], nearly: ['CoffeeMachine', 0.004], channels: { disturbance_m: [0.012] } }); return table.moved.innerText; })()";
-    let named = browser.value(named);
-    assert!(
-        named.as_str().is_some_and(|text| text.contains("CoffeeMachine") && text.contains("others, less than")),
-        "{named}"
-    );
+    what_a_step_is_said_to_be(browser);
     // What stands above the pictures of its film.
     let caption = browser.value(
         "(async () => { const { caption } = await import('/film.js'); const outcome = 'time-limit'; \
@@ -275,6 +262,23 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     browser.scheme("dark");
     browser.wait_for(&format!("{corner} < 60"));
     browser.scheme("light");
+}
+
+fn what_a_step_is_said_to_be(browser: &mut Browser) {
+    // The keys are one click away, and how far the robot's view reaches is said.
+    browser.value("document.querySelector('details.keys summary').click()");
+    browser.wait_for("[...document.querySelectorAll('kbd')].some((key) => key.checkVisibility() && key.textContent === 'shift arrows')");
+    browser.wait_for(
+        "/^0\\sm\\s+\\d+\\.\\d m or more$/.test(document.querySelector('.swatch.depths').parentElement.textContent)",
+    );
+    // What moved most has its name, also where nothing is violet.
+    let named = "(async () => { const { Stage } = await import('/stage.js'); const table = { moved: document.createElement('div'), episode: { things: [] } }; \
+        Stage.prototype.displaced.call(table, { moved: [], nearly: ['CoffeeMachine', 0.004], channels: { disturbance_m: [0.012] } }); return table.moved.innerText; })()";
+    let named = browser.value(named);
+    assert!(
+        named.as_str().is_some_and(|text| text.contains("CoffeeMachine") && text.contains("others, less than")),
+        "{named}"
+    );
 }
 
 /// From the top of the page to an episode's third step without a mouse.
