@@ -19,7 +19,7 @@ class SceneRenderer {
     Object.assign(this, { policy, signal, speed: speed ?? 5, run: null, chosen: null, seen: null, skips: false, live: null, still: false, stage: null, over: [] });
     this.title = h("h1", {}, "A policy at work");
     [this.plays, this.terms] = [h("span", {}, policy), h("span", { class: "soft" })];
-    this.alone = h("span", { class: "soft small", hidden: true }, "the policy goes on");
+    this.alone = h("span", { class: "soft small", hidden: true }, "picture paused; the policy plays on");
     this.tally = h("p", { class: "soft small", role: "status" }, "No episode has ended yet.");
     this.picker = h("select", { "aria-label": "Kitchen", hidden: true, onchange: () => { this.chosen = this.picker.value; } });
     this.link = h("a", { href: "#/?all", hidden: true }, "All episodes");

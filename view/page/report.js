@@ -14,6 +14,8 @@ function fieldName(key) {
 
 /** Fewer episodes than this say nothing of what a policy does when, nor of what it foretells. */
 const FEW = 50;
+/** More settings than these are folded away. */
+const MANY = 8;
 const SHARE = { kind: "share" };
 const heading = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
 export const range = (one, { low, high }) => `${bare(one, low).replace("%", "")}\u00a0–\u00a0${bare(one, high)}`;
@@ -145,7 +147,11 @@ class Page {
       // More columns than three do not fit.
       const [heads, cells] = names.length > 3 ? [["values"], (values) => [values.map((one, at) => `${names[at]}: ${value(one)}`).join("; ")]] : [names, (values) => values.map(value)];
       const rows = this.differences.map(({ name, values }) => [name, some.map(({ at }) => values[at])]).filter(([, values]) => !this.several || new Set(values.map((one) => JSON.stringify(one))).size > 1);
-      return rows.length ? [this.several ? h("h3", {}, words(task)) : null, table(["setting", ...heads], plain(rows.map(([name, values]) => [h("code", {}, name), ...cells(values)])))] : [];
+      if (!rows.length) return [];
+      const settings = table(["setting", ...heads], plain(rows.map(([name, values]) => [h("code", {}, name), ...cells(values)])));
+      // Results do not stand behind pages of settings.
+      const folded = rows.length > MANY ? h("details", {}, h("summary", {}, `${rows.length} settings`), settings) : settings;
+      return [this.several ? h("h3", {}, words(task)) : null, folded];
     }).flat();
     return tables.length ? section("differences", "What differs", tables) : null;
   }
@@ -406,7 +412,9 @@ class Page {
   actions() {
     const recorded = this.report.groups.filter(({ results }) => results[0]?.actions.actions.length);
     const found = recorded.filter(({ results: [{ pooled }] }) => pooled.episodes >= FEW);
-    if (!found.length) return recorded.length ? this.none(`Actions by step: no evaluation has ${FEW} episodes.`) : null;
+    const few = recorded.filter((group) => !found.includes(group));
+    if (few.length) this.none(`Actions by step of ${few.map(({ label }) => label).join(", ")}: fewer than ${FEW} episodes.`);
+    if (!found.length) return null;
     const chart = ({ label, results: [{ field, actions: { actions, counts_by_step: all } }] }) => {
       const sums = all.map((one) => one.reduce((sum, each) => sum + each, 0));
       // To the last step of the longest episode.

@@ -341,7 +341,7 @@ const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag to turn, two
 
 /** What is marked in the room. */
 export const explained = ({ target }) => h("ul", { class: "marks small soft" },
-  [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced by more than 0.01 m, pale where it stood"]]
+  [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced by more than 0.01 m along an axis, pale where it stood"]]
     .map(([ink, text]) => h("li", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text)), h("li", { class: "faint" }, hint()));
 
 /** Keys and what they do. */

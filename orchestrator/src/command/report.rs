@@ -1,4 +1,4 @@
-use crate::comparison::settings::Row;
+use crate::comparison::row::Row;
 use crate::output::format::counted;
 use crate::output::terminal;
 use crate::report_builder::files::{NUMBERS, PAGE, add_to_table, check_free, read_table, rows, unfinished, write};

@@ -1,6 +1,6 @@
-use super::settings::Row;
+use super::row::{Format, Row};
 use crate::evaluation::text::{place, seeds_of};
-use crate::output::format::{self, NOTHING, shown};
+use crate::output::format::{self, NOTHING};
 use crate::output::terminal;
 use crate::run::identity::Identity;
 use crate::run::lock::{LockState, holder, state_of};
@@ -17,7 +17,6 @@ use proto::stage::total_frames;
 use proto::task::{Described, Spec};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Duration;
 
 /// What a figure is of, in the order in which a comparison shows them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -38,31 +37,6 @@ pub struct Figure {
     value: Value,
     shown: String,
     format: Format,
-}
-
-/// How a number is shown.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Format {
-    /// It is none, or a mean of it says nothing.
-    Text,
-    Count,
-    Decimals(usize),
-    Rate,
-    Seconds,
-    Metric(Described),
-}
-
-impl Format {
-    pub fn shown(&self, value: f64) -> String {
-        match self {
-            Self::Text => String::new(),
-            Self::Count => format::count(value.round() as u64),
-            Self::Decimals(decimals) => format::number(Some(value), *decimals),
-            Self::Rate => format::rate(value),
-            Self::Seconds => format::duration(Duration::try_from_secs_f64(value).unwrap_or_default()),
-            Self::Metric(one) => shown(one, Some(value)),
-        }
-    }
 }
 
 const DIGITS: usize = 12;

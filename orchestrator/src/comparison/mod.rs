@@ -1,5 +1,6 @@
 mod episodes;
 mod figures;
+pub mod row;
 pub mod settings;
 
 use crate::output::format::NOTHING;
@@ -11,9 +12,9 @@ use episodes::SameEpisodes;
 use figures::Figure;
 use proto::config::Config;
 use proto::run_folder::RunFolder;
+use row::Row;
 use serde::Serialize;
 use serde_json::{Value, json};
-use settings::Row;
 use std::path::PathBuf;
 
 const CELL_MAX: usize = 34;
@@ -196,7 +197,7 @@ fn shortened(runs: &[String]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use figures::Format;
+    use row::Format;
 
     #[test]
     fn the_seeds_of_one_experiment_have_a_mean() {

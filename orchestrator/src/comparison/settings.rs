@@ -1,19 +1,7 @@
-use super::figures::Format;
+use super::row::{Format, Row};
 use proto::config::{Config, Lists, differences as between};
-use serde::Serialize;
 use std::collections::BTreeSet;
 use toml::Value;
-
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
-    pub name: String,
-    /// Of each run; null of those that have no such thing.
-    pub values: Vec<serde_json::Value>,
-    #[serde(skip)]
-    pub shown: Vec<String>,
-    #[serde(skip)]
-    pub format: Format,
-}
 
 /// The settings that are not the same in all, by their names. A table that some do not have is one setting.
 pub fn differences(configs: &[Config]) -> Vec<Row> {

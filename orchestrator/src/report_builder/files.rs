@@ -1,4 +1,5 @@
-use crate::comparison::settings::{Row, differences};
+use crate::comparison::row::Row;
+use crate::comparison::settings::differences;
 use crate::output::format::{self, counted, shown};
 use crate::output::name;
 use crate::report_builder::gather::Gathered;

@@ -136,7 +136,7 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
         };
         browser.press(" ");
         browser.wait_for(&button("Play"));
-        browser.wait_for("document.querySelector('main').innerText.includes('the policy goes on')");
+        browser.wait_for("document.querySelector('main').innerText.includes('the policy plays on')");
         let step = "document.querySelector('[data-episode]').dataset.step";
         // A step that was being shown.
         std::thread::sleep(std::time::Duration::from_secs(1));
