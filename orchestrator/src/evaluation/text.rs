@@ -126,8 +126,7 @@ pub fn lines(spec: &Spec, evaluation: &Evaluation, columns: Option<usize>) -> Ve
     let intervals = results.heads.iter().zip(overall).zip(&results.intervals);
     lines.extend(intervals.filter_map(|(([head, _], mean), interval)| {
         let Within { whose, low, high } = interval.as_ref()?;
-        let label = head.trim_end_matches(" (m)");
-        Some(format!("{label} {mean}, {whose} 95% interval {low} to {high}"))
+        Some(format!("{head} {mean}, {whose} 95% interval {low} to {high}"))
     }));
     let figures: Vec<String> = results.figures.iter().map(|[label, figure, _]| format!("{label} {figure}")).collect();
     lines.extend(wrapped(&figures.join("  "), columns.unwrap_or(UNBROKEN)));

@@ -1,8 +1,6 @@
 use super::event::{Exit, Process};
 use crate::output::log_line::{LogLine, error_in};
 use proto::actor_notes::LastPlace;
-use proto::shell::quoted;
-use std::path::Path;
 use std::time::Duration;
 use tracing::Level;
 
@@ -89,12 +87,7 @@ pub fn of_environment(text: &str) -> Option<&str> {
 
 /// An environment's error that has come again where it came before: its seed and actions lead there at every start.
 pub fn environment_fails(who: &str, error: &str) -> String {
-    format!("{who} died twice of the same error: {error}; mend the environment, then `orchestrator resume RUN`")
-}
-
-/// The same text with the run's folder, which the machine does not know.
-pub fn with_folder(text: &str, run: &Path) -> String {
-    text.replace("`orchestrator resume RUN`", &format!("`orchestrator resume {}`", quoted(run)))
+    format!("{who} died twice of the same error: {error}; mend the environment, then resume the run")
 }
 
 pub fn died_at_stop(who: Process, evaluates: bool, exit: &Exit, last_words: &[String]) -> String {
@@ -148,7 +141,7 @@ pub fn needs_more_time(deadline: Duration) -> String {
     let deadline_s = deadline.as_secs_f64();
     format!(
         "\nIf an answer may take longer than {deadline_s} s, raise learner.actor_deadline_s in the run's config.toml, then \
-         `orchestrator resume RUN`"
+         resume the run"
     )
 }
 

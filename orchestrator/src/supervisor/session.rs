@@ -90,15 +90,7 @@ impl Session<'_> {
         let Part { _claim, host, recorder, launch } = Part::begin(self, address.run_id(), hosts, 0, network)?;
         let remote_hosts = together.as_mut().map(|together| &mut together.remote_hosts);
         let scaled = config.evaluation.is_none().then_some((folder, incarnation));
-        let shell = Shell {
-            folder: folder.root(),
-            config,
-            host: &host,
-            recorder: recorder.as_ref(),
-            signals,
-            remote_hosts,
-            scaled,
-        };
+        let shell = Shell { config, host: &host, recorder: recorder.as_ref(), signals, remote_hosts, scaled };
         let mut outcome = shell.supervise(launch, audience).await;
         fault::reach("orchestrator.before_recorder_finish");
         let saved = outcome.as_ref().ok().and_then(|outcome| outcome.saved.as_ref()).map(|saved| saved.frames);

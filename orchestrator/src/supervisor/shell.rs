@@ -8,7 +8,6 @@ use super::clock::Clock;
 use super::deadlines::Deadlines;
 use super::event::{Action, Event, Exit, Level, Outcome, Process, SessionEnd};
 use super::machine::Supervisor;
-use super::messages::with_folder;
 use super::process::{Launch, Processes};
 use super::remote_hosts::{FromHost, HostReport, Order, RemoteHosts};
 use super::stage_machine::StageSwitch;
@@ -22,7 +21,6 @@ use proto::run_folder::RunFolder;
 use recording::recorder::Recorder;
 use serde_json::json;
 use std::collections::{BTreeMap, VecDeque};
-use std::path::Path;
 use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
@@ -128,7 +126,6 @@ pub trait Audience {
 }
 
 pub struct Shell<'a> {
-    pub folder: &'a Path,
     pub config: &'a Config,
     pub host: &'a WireHost,
     pub recorder: Option<&'a Recorder>,
@@ -239,11 +236,8 @@ impl<A: Audience> Supervision<'_, A> {
             Action::SwitchStage(switch) => self.switch_stage(switch),
             Action::Report(Level::Info, text) => tracing::info!("{text}"),
             Action::Report(Level::Warning, text) => tracing::warn!("{text}"),
-            Action::Report(Level::Error, text) => tracing::error!("{}", with_folder(&text, self.shell.folder)),
+            Action::Report(Level::Error, text) => tracing::error!("{text}"),
             Action::Finish(mut outcome) => {
-                if let SessionEnd::Failed(reason) = &mut outcome.end {
-                    *reason = with_folder(reason, self.shell.folder);
-                }
                 if outcome.end == SessionEnd::Complete && !self.wait_for_audience().await {
                     outcome.end = SessionEnd::Stopped;
                 }

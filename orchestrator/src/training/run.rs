@@ -231,7 +231,6 @@ impl TrainingRun {
             missing,
             ..Summary::of(&self.folder, &self.config, &history, &self.identity, wall, saved)
         });
-        let has_trained = history.frames() > 0;
         let whole = recording.is_ok() && summary.as_ref().is_none_or(Summary::is_whole);
         fault::reach("orchestrator.before_summary");
         if let Some(summary) = summary.as_ref().filter(|_| outcome.end == SessionEnd::Complete) {
@@ -257,7 +256,6 @@ impl TrainingRun {
         let program = next_steps::program();
         let next = match outcome.end {
             SessionEnd::Complete => next_steps::complete(&program, &self.folder, &self.config, recorded),
-            SessionEnd::Failed(_) if !has_trained => Vec::new(),
             _ => next_steps::unfinished(&program, &self.folder, self.hosts()),
         };
         for line in &next {

@@ -407,7 +407,7 @@ fn an_environment_that_fails_at_every_start_ends_the_run_with_its_sentence() {
     let last = " died twice of the same error: environment ";
     let ended: Vec<&str> = printed.stderr.lines().filter(|line| line.contains(last)).collect();
     let mend = "step 5: its `goal_m` is an array of [2] float32, not an array of [3] float32; mend the environment, then \
-                `orchestrator resume run`";
+                resume the run";
     assert!(ended.len() == 1 && ended[0].contains("ERROR") && ended[0].ends_with(mend), "{printed:#?}");
     place.workshop.run("run").assert_nothing_left();
 }

@@ -1,0 +1,147 @@
+//! Words of other programs, and what says the same here.
+
+pub const ALL_KEYS: &str = "`orchestrator config` prints all keys";
+
+/// What is missing, by command.
+pub const MISSING: [(&str, &str); 8] = [
+    (
+        "export",
+        "`orchestrator export RUN --out policy.onnx` writes a model for onnxruntime, `--out policy.safetensors` a policy \
+         file, `--format npz --out FOLDER` episodes as arrays",
+    ),
+    ("scale", "`orchestrator scale RUN --actors 8` gives a run eight actors"),
+    ("compare", "give two runs or more, as in `orchestrator compare runs/a runs/b`"),
+    ("suite", "give its file, or the name of a built-in one, such as two-seeds; `orchestrator suite --help` shows one"),
+    ("import", "`orchestrator import FILE --run runs/NEW` makes the run runs/NEW"),
+    ("recover", "give a recording, a file in RUN/recordings"),
+    ("allow", "give the folder of a run whose environment command you trust"),
+    ("completions", "give the shell, such as bash"),
+];
+
+pub const COMMANDS: [(&str, &[&str]); 14] = [
+    ("up", &["train", "start", "run", "launch", "learn"]),
+    ("eval", &["evaluate", "enjoy", "validate"]),
+    ("view", &["ui", "dashboard", "watch", "serve"]),
+    ("view` or `tensorboard --logdir RUN/tensorboard", &["tensorboard"]),
+    ("stop", &["kill", "down", "cancel"]),
+    ("resume", &["continue", "restart"]),
+    ("status", &["ps", "info", "show"]),
+    ("replay", &["video", "film", "render", "movie"]),
+    ("report", &["plot", "plots"]),
+    ("compare", &["diff"]),
+    ("suite", &["sweep", "benchmark", "grid", "tune"]),
+    ("stop RUN` ends a run, then `rm -r RUN", &["rm", "remove", "delete"]),
+    ("logs", &["log", "tail"]),
+    ("list", &["ls", "runs"]),
+];
+
+const ITERATIONS: &str = "it is `--frames N`: N = iterations × `ppo.rollout_steps` × environments";
+
+/// Options of other programs (CleanRL, Stable-Baselines3, AllenAct, Isaac Lab), and what says the same here, by command:
+/// `up` stands for all commands that take a configuration, nothing for any.
+pub const OPTIONS: &[(&str, &str, &str)] = &[
+    ("up", "it is `--set ppo.learning_rate=RATE`", "lr learning-rate"),
+    ("up", "it is `--set ppo.learning_rate_frames=FRAMES`, over which the rate falls", "anneal-lr lr-schedule"),
+    ("up", "it is `--set ppo.minibatches=N`", "num-minibatches n-minibatches num-mini-batch num-mini-batches"),
+    ("up", "it is `--set ppo.minibatches=N`, how many of them a rollout has", "batch-size minibatch-size"),
+    (
+        "up",
+        "it is `--set ppo.epochs=N`",
+        "update-epochs n-epochs num-epochs ppo-epoch update-repeats num-learning-epochs",
+    ),
+    ("up", "it is `--set ppo.gamma=GAMMA`", "discount discount-factor"),
+    ("up", "it is `--set ppo.gae_lambda=LAMBDA`", "tau lam lambda"),
+    ("up", "it is `--set ppo.clip=CLIP`", "clip-coef clip-range clip-param"),
+    ("up", "it is `--set ppo.clip_value=true`", "clip-vloss clip-range-vf clip-value-loss use-clipped-value-loss"),
+    ("up", "it is `--set ppo.target_kl=KL`", "desired-kl kl-targ"),
+    ("up", "it is `--set ppo.adam_epsilon=EPSILON`", "eps adam-eps"),
+    ("up", "it is `--set network.hidden=N`", "net-arch policy-kwargs hidden-size hidden-sizes hidden-dim"),
+    ("up", "it is `--set ppo.entropy_coefficient=C`", "ent-coef entropy-coef"),
+    ("up", "it is `--set ppo.value_coefficient=C`", "vf-coef value-coef value-loss-coef"),
+    ("up", "it is `--set ppo.max_gradient_norm=NORM`", "max-grad-norm"),
+    ("up", "it is `--set ppo.normalize_advantages=true`", "norm-adv normalize-advantage"),
+    ("up", "it is `--set 'scenes=[\"FILE.toml\"]'`", "scene scenes"),
+    ("up", "it is `--set ppo.rollout_steps=STEPS`", "n-steps num-steps num-steps-per-env rollout rollout-length"),
+    (
+        "up",
+        "it is `--actors N` times `--envs-per-actor N`",
+        "num-envs n-envs num-environments num-processes num-workers num-env",
+    ),
+    ("up", "it is `--learners N`", "num-gpus nproc-per-node distributed world-size"),
+    ("up", "it is `--learners N`, one a GPU; CUDA_VISIBLE_DEVICES chooses which", "gpus gpu-ids"),
+    ("up", "`orchestrator suite FILE --seed 1,2` trains a run with each seed", "seeds n-seeds num-seeds"),
+    ("up", "it is `--set network.encoder=NAME`, or `network.mlp` for numbers", "policy"),
+    ("up", "it is `--rendezvous HOST:PORT`", "distributed-ip-and-port master-addr"),
+    ("up", "it is `--set learner.device=cuda`, or `=cpu`", "device cuda gpu"),
+    ("up", "it is `--set learner.device=cpu`", "cpu"),
+    ("up", "it is the default (`learner.deterministic`)", "torch-deterministic deterministic-cudnn"),
+    ("up", "it is `orchestrator resume RUN`", "resume continue restore restart-pipeline"),
+    (
+        "up",
+        "it is `--from RUN`, which begins with its weights; `orchestrator resume RUN` goes on with a run",
+        "checkpoint ckpt load load-run load-checkpoint pretrained trained-agent init-from",
+    ),
+    ("up", "it is `orchestrator eval RUN`", "eval evaluate test play"),
+    (
+        "up",
+        "it is `--frames N`",
+        "steps timesteps total-timesteps n-timesteps num-timesteps total-steps total-num-steps",
+    ),
+    ("up", ITERATIONS, "max-iterations num-iterations num-updates"),
+    ("resume", ITERATIONS, "max-iterations num-iterations num-updates"),
+    ("up", "it is `--run FOLDER`", "out output output-dir logdir log-dir log-folder save-path save-dir"),
+    ("up", "it is `--run runs/NAME`", "name exp-name run-name experiment-name"),
+    ("config", "`orchestrator config PRESET --json | jq .KEY` prints one key", "get key show"),
+    ("suite", "it is `--gpus 0,1`: one run at a time on each", "jobs j n-jobs workers parallel"),
+    ("clean", "it frees what all dead runs have left", "all a force f"),
+    ("", "`2> /dev/null` leaves the results alone", "quiet q silent"),
+    ("", "it is `--verbose`", "debug"),
+    ("up", "it is `--set episode.max_steps=STEPS` of an episode, `--frames N` of a run", "max-steps max-episode-steps"),
+    ("up", "it is `--set checkpoint.interval_s=SECONDS`, in seconds", "save-freq save-interval"),
+    ("up", "it is `--set validation.every_frames=N`", "eval-freq eval-interval"),
+    ("up", "it is `--seed S`", "s"),
+    ("up", "there is one algorithm, DD-PPO; `orchestrator config` prints its keys, `[ppo]`", "algo algorithm agent"),
+    ("up", "it is `--set 'stages=[{ name = \"I\", reward = \"r\", frames = N }]'`", "reward reward-function"),
+    ("up", "`orchestrator config` prints what a run would do, `orchestrator doctor` checks it", "dry-run print-config"),
+    ("up", "it is `--preset NAME`", "p config-name"),
+    ("up", "`orchestrator suite FILE` trains a `grid` of settings (`orchestrator suite --help`)", "multirun m"),
+    ("up", "it is `--set network.memory=none`", "gru lstm rnn recurrent"),
+    (
+        "up",
+        "the robot's and the camera's dimensions are no settings",
+        "camera robot fov camera-height camera-fov camera-pitch robot-height",
+    ),
+    ("suite", "it is `--check`", "dry-run"),
+    ("status", "`orchestrator top RUN` follows a run", "watch w follow f"),
+    ("list", "the newest comes first, and `orchestrator list --json` gives all to sort", "sort"),
+    ("logs", "it is `-n N`, the last lines", "tail"),
+    ("view", "it is `--address IP`", "host bind listen"),
+    ("logs", "every line has its level: `orchestrator logs RUN | grep WARN`", "level log-level severity"),
+    ("compare", "it is of `orchestrator report`", "threshold out table"),
+    ("compare", "it is `--json`", "csv"),
+    ("replay", "it is `--images DIR`", "out output output-dir o"),
+    ("up", "it is `--preset NAME`, or `--env gymnasium:ID` for a simulator of your own", "task env-id experiment"),
+    ("resume", "it is `--frames N`, of the whole run", "steps timesteps total-timesteps n-timesteps"),
+    (
+        "eval",
+        "it is the first word, as in `orchestrator eval RUN/checkpoints/rollout-NUMBER.json`",
+        "checkpoint ckpt load load-run model policy",
+    ),
+    ("eval", "it is `--deterministic`", "greedy"),
+    ("eval", "it is `--episodes N`", "n-eval-episodes num-episodes n-episodes eval-episodes"),
+    (
+        "",
+        "no window is opened; `orchestrator view` shows runs on a page",
+        "headless render render-mode livestream enable-cameras",
+    ),
+    (
+        "",
+        "steps are recorded, and `orchestrator replay RUN` makes films",
+        "video capture-video record-video save-video video-length",
+    ),
+    (
+        "",
+        "TensorBoard's files are in RUN/tensorboard; for other loggers `--json` prints all figures",
+        "wandb track use-wandb wandb-project wandb-project-name wandb-entity logger tensorboard tensorboard-log",
+    ),
+];
