@@ -3,8 +3,8 @@
 
 use super::Finding;
 use super::device::is_cuda;
-use anyhow::{Context, Result, bail};
-use proto::config::{Config, Pin};
+use anyhow::{Context, Result};
+use proto::config::Config;
 use proto::device::Torch;
 use proto::shares::Shares;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -49,28 +49,13 @@ impl Cores {
         Ok(Self { usable, near })
     }
 
-    /// Places the processes of a run; none if `pin` leaves it to the kernel. `on_gpu`: learner r computes on GPU r.
-    pub fn place(&self, pin: &Pin, shares: Shares, on_gpu: bool) -> Result<Option<Placement>> {
-        let allowed: Vec<usize> = match pin {
-            Pin::Automatic(false) => return Ok(None),
-            Pin::Automatic(true) => self.usable.clone(),
-            Pin::Cores(cores) => {
-                let named: Vec<usize> = cores.iter().map(|&core| core as usize).collect();
-                if let Some(&core) = named.iter().find(|core| !self.usable.contains(core)) {
-                    bail!(
-                        "machine.pin names core {core}, which this process may not use (it may use {}). Name others, \
-                         or let `machine.pin = true` choose",
-                        text(&self.usable)
-                    );
-                }
-                self.usable.iter().copied().filter(|core| named.contains(core)).collect()
-            }
-        };
+    /// Places the processes of a run. `on_gpu`: learner r computes on GPU r.
+    pub fn place(&self, shares: Shares, on_gpu: bool) -> Placement {
         let near = |rank: u32| -> Vec<usize> {
             let local = self.near.get(rank as usize).filter(|_| on_gpu);
-            let cores = allowed.iter().copied().filter(|core| local.is_some_and(|local| local.contains(core)));
+            let cores = self.usable.iter().copied().filter(|core| local.is_some_and(|local| local.contains(core)));
             let cores: Vec<usize> = cores.collect();
-            if cores.is_empty() { allowed.clone() } else { cores }
+            if cores.is_empty() { self.usable.clone() } else { cores }
         };
         let all: Vec<Vec<usize>> = (0..shares.learners()).map(near).collect();
         let (mut learners, mut actors) = (vec![], vec![]);
@@ -83,7 +68,7 @@ impl Cores {
             learners.push(if own > 0 { share[..own].to_vec() } else { share.to_vec() });
             actors.push(share[own..].to_vec());
         }
-        Ok(Some(Placement { shares, learners, actors }))
+        Placement { shares, learners, actors }
     }
 }
 
@@ -153,7 +138,10 @@ fn parse(list: &str) -> Option<BTreeSet<usize>> {
 }
 
 pub fn placement(config: &Config, torch: &Torch) -> Result<Option<Placement>> {
-    Cores::find(torch)?.place(&config.machine.pin, config.shares(), is_cuda(config, torch))
+    if !config.machine.pin {
+        return Ok(None);
+    }
+    Ok(Some(Cores::find(torch)?.place(config.shares(), is_cuda(config, torch))))
 }
 
 pub fn check(config: &Config, torch: &Torch) -> Finding {
@@ -175,8 +163,8 @@ mod tests {
         Cores { usable: (0..16).collect(), near }
     }
 
-    fn places(cores: &Cores, pin: &Pin, learners: u32, on_gpu: bool) -> Vec<(String, String)> {
-        let placed = cores.place(pin, Shares::new(2 * learners, learners), on_gpu).unwrap().unwrap();
+    fn places(cores: &Cores, learners: u32, on_gpu: bool) -> Vec<(String, String)> {
+        let placed = cores.place(Shares::new(2 * learners, learners), on_gpu);
         placed.learners.iter().zip(&placed.actors).map(|(own, actors)| (text(own), text(actors))).collect()
     }
 
@@ -186,28 +174,16 @@ mod tests {
 
     #[test]
     fn a_learner_and_its_actors_are_near_their_gpu() {
-        let pin = Pin::Automatic(true);
-        assert_eq!(places(&machine(), &pin, 1, true), [pair("0-1", "2-7")]);
+        assert_eq!(places(&machine(), 1, true), [pair("0-1", "2-7")]);
         // Two GPUs of a socket divide its cores; with four each, nobody has one to itself.
         let four = [pair("0-3", "0-3"), pair("4-7", "4-7"), pair("8-11", "8-11"), pair("12-15", "12-15")];
-        assert_eq!(places(&machine(), &pin, 4, true), four);
-        assert_eq!(places(&machine(), &pin, 2, false), [pair("0-7", "0-7"), pair("8-15", "8-15")]);
+        assert_eq!(places(&machine(), 4, true), four);
+        assert_eq!(places(&machine(), 2, false), [pair("0-7", "0-7"), pair("8-15", "8-15")]);
         // Of a GPU nothing is known, or its cores are not ours.
         let unknown = Cores { near: vec![BTreeSet::new(), (90..99).collect()], ..machine() };
-        assert_eq!(places(&unknown, &pin, 2, true), [pair("0-1", "2-7"), pair("8-9", "10-15")]);
+        assert_eq!(places(&unknown, 2, true), [pair("0-1", "2-7"), pair("8-9", "10-15")]);
         let small = Cores { usable: vec![3], near: vec![] };
-        assert_eq!(places(&small, &pin, 2, false), [pair("3", "3"), pair("3", "3")]);
-    }
-
-    #[test]
-    fn named_cores_are_the_only_ones_and_must_be_there() {
-        let named = Pin::Cores(vec![9, 6, 7, 8]);
-        assert_eq!(places(&machine(), &named, 1, true), [pair("6-7", "6-7")]);
-        assert_eq!(places(&machine(), &named, 1, false), [pair("6-9", "6-9")]);
-        let shares = Shares::of_one(1);
-        assert_eq!(machine().place(&Pin::Automatic(false), shares, true).unwrap(), None);
-        let message = machine().place(&Pin::Cores(vec![1, 16]), shares, true).unwrap_err().to_string();
-        assert!(message.contains("core 16") && message.contains("0-15"), "{message}");
+        assert_eq!(places(&small, 2, false), [pair("3", "3"), pair("3", "3")]);
     }
 
     #[test]
@@ -218,9 +194,8 @@ mod tests {
 
     #[test]
     fn a_child_inherits_its_cores_and_this_thread_keeps_its_own() {
-        let cores = Cores::find(&torch(0)).unwrap();
-        let last = *cores.usable.last().unwrap();
-        let placed = cores.place(&Pin::Cores(vec![last as u32]), Shares::of_one(1), false).unwrap().unwrap();
+        let last = *Cores::find(&torch(0)).unwrap().usable.last().unwrap();
+        let placed = Cores { usable: vec![last], near: vec![] }.place(Shares::of_one(1), false);
         let own = || std::fs::read_to_string("/proc/thread-self/status").unwrap();
         let list = |status: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:"));
@@ -236,12 +211,10 @@ mod tests {
     }
 
     #[test]
-    fn a_core_that_is_not_there_is_a_problem() {
+    fn cores_are_chosen_where_that_is_asked_for() {
         let mut config = Config::resolve("demo", None).unwrap();
         assert!(matches!(check(&config, &torch(0)), Finding::Good(text) if text.contains("kernel")));
-        config.machine.pin = Pin::Automatic(true);
+        config.machine.pin = true;
         assert!(matches!(check(&config, &torch(0)), Finding::Good(text) if text.starts_with("learner 0 on ")));
-        config.machine.pin = Pin::Cores(vec![1023]);
-        assert!(matches!(check(&config, &torch(0)), Finding::Problem(text) if text.contains("core 1023")));
     }
 }

@@ -30,7 +30,7 @@ pub use environment::EnvironmentConfig;
 pub use episode::EpisodeConfig;
 pub use error::{ConfigError, problem_of};
 pub use kitchens::{KitchenSource, KitchensConfig};
-pub use machine::{MachineConfig, Pin};
+pub use machine::MachineConfig;
 pub use network::{
     Activation, CarriedGoal, Encoder, GoalCoordinates, INPUT_POOLS, InitialWeights, Memory, NetworkConfig,
 };

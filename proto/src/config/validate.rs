@@ -192,12 +192,6 @@ impl Config {
             recording.segment_bytes >= 1 << 20,
             "must be at least 1048576",
         )?;
-        check(
-            "machine.pin",
-            &self.machine.pin,
-            self.machine.pin.is_possible(),
-            "must be true, false or a list of at least one core, each from 0 to 1023, none twice",
-        )?;
         let ValidationConfig { episodes, actors, .. } = self.validation;
         if self.environment.is_some() {
             let few = episodes <= SEEDED_EPISODES_MOST;

@@ -181,7 +181,6 @@ fn attempts(kind: &str, whole_kind: &str) -> Vec<Value> {
         "f32" | "f64" => [-1.0, 0.0, 0.3, 1.5, 1e9, f64::NAN, f64::INFINITY].map(Value::Float).to_vec(),
         "bool" => vec![Value::Boolean(false), Value::Boolean(true)],
         "String" if whole_kind.starts_with("Vec") => vec![Value::Array(vec![Value::String("a".into()); 200])],
-        "Pin" => [&[][..], &[5000], &[1, 1]].map(|list| Value::Array(numbers(list))).to_vec(),
         _ => vec![],
     }
 }

@@ -140,7 +140,7 @@ fn the_page_of_all_settings_is_what_the_types_say() {
 fn the_page_of_all_settings_says_what_a_key_can_be_and_where_it_is() {
     let page = settings_page(&Types::below(&root().join("proto/src")).unwrap()).unwrap();
     for line in [
-        "* `pin` = `false` (true, false or a list of at least one core, each from 0 to 1023, none twice): Cores",
+        "* `frames` = `20000000`, then `25000000` (at least 1 and at most 1000000000000000): Frames",
         "* `failures_only` = `false` (false unless recording.depth_share is 0): Only",
         "* `count` = `1` (1 to actors.count): Learner",
     ] {
