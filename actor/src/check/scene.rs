@@ -5,9 +5,6 @@ use anyhow::{Context, Result};
 use proto::config::Config;
 use proto::disk::{copy, sync_folder};
 use proto::kitchen::{KitchenId, TargetCategory};
-use proto::likeness::likeness;
-use simulator::kitchen::Kitchen;
-use simulator::kitchen::catalogue::CATEGORIES;
 use simulator::scene_file::{Problem, SceneError, load, read};
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -24,14 +21,6 @@ pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl W
     let problems: Vec<Problem> = found.map(|problem| Problem::Unfit(problem.to_string())).collect();
     if !problems.is_empty() {
         return Err(SceneError { file: path.to_path_buf(), problems }.into());
-    }
-    // A run has its scenes judged first, and copied then.
-    let is_asked = copy.is_none() && !targets_only;
-    for (thing, target) in nearly_targets(&kitchen).into_iter().filter(|_| is_asked) {
-        eprintln!(
-            "{}: {thing} is no target, did you mean `{target}`? Add category = \"{target}\" to its entry",
-            path.display()
-        );
     }
     let targets = TargetCategory::ALL.into_iter().filter(|&target| !kitchen.target_spots(target).is_empty());
     if targets_only {
@@ -51,24 +40,6 @@ pub fn run(path: &Path, copy: Option<&Path>, targets_only: bool, mut out: impl W
     copy.map_or(Ok(()), |folder| keep(path, folder))
 }
 
-/// So much alike are a target's name and one that was probably meant to be it, of as many letters or one more or less.
-const NEARLY: f64 = 0.88;
-
-/// Movable things that are nearly called like a target, and are of no other category, with that target.
-fn nearly_targets(kitchen: &Kitchen) -> Vec<(&str, &'static str)> {
-    let near = |name: &str| {
-        let targets = TargetCategory::ALL.into_iter().map(TargetCategory::name);
-        let is_known =
-            CATEGORIES.iter().any(|category| category.name == name) || targets.clone().any(|one| one == name);
-        let is_near = |target: &str| name.len().abs_diff(target.len()) < 2 && likeness(name, target) > NEARLY;
-        targets
-            .filter(|target| !is_known && is_near(target))
-            .max_by(|a, b| likeness(name, a).total_cmp(&likeness(name, b)))
-    };
-    let things = &kitchen.bodies()[kitchen.movable_bodies()];
-    things.iter().filter_map(|thing| Some((thing.name.as_str(), near(&thing.category)?))).collect()
-}
-
 /// Copies a scene's files into a folder. They are on the disk when it returns: a run that a power failure ends is resumed
 /// with them.
 fn keep(path: &Path, folder: &Path) -> Result<()> {
@@ -86,28 +57,4 @@ fn keep(path: &Path, folder: &Path) -> Result<()> {
     folders
         .iter()
         .try_for_each(|folder| sync_folder(folder).with_context(|| format!("cannot sync {}", folder.display())))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_thing_that_is_nearly_called_like_a_target_is_named_with_it() {
-        let studio = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/studio");
-        let folder = tempfile::tempdir().unwrap();
-        let mut glb = std::fs::read(studio.join("studio.glb")).unwrap();
-        let places: Vec<usize> = (0..glb.len() - 5).filter(|&at| glb[at..].starts_with(b"Apple")).collect();
-        for &at in &places {
-            glb[at..at + 5].copy_from_slice(b"Appel");
-        }
-        std::fs::write(folder.path().join("studio.glb"), glb).unwrap();
-        let text = std::fs::read_to_string(studio.join("scene.toml")).unwrap().replace("\"Apple\"", "\"Appel\"");
-        std::fs::write(folder.path().join("scene.toml"), text).unwrap();
-        let kitchen = |folder: &Path| {
-            load(&folder.join("scene.toml"), KitchenId::scene(0).unwrap(), &Config::default().simulation).unwrap()
-        };
-        assert_eq!(nearly_targets(&kitchen(folder.path())), [("Appel", "Apple")]);
-        assert_eq!(nearly_targets(&kitchen(&studio)), []);
-    }
 }

@@ -8,18 +8,6 @@ use system_tests::{Terminal, Workshop, complete, finish, signal, start, wait_unt
 const LEAVES: &str = "\x1b[?1049l";
 
 #[test]
-fn a_manual_page_is_read_at_a_terminal_and_piped_as_its_source() {
-    let workshop = Workshop::new();
-    let terminal = Terminal::open(80, 24);
-    finish(start(terminal.session(&workshop.orchestrator(&["man", "up"])))).good();
-    wait_until("it is there", || terminal.written().contains("Usage: orchestrator up"));
-    assert!(!terminal.written().contains(".TH"), "{}", terminal.written());
-    let page = workshop.call(&["man", "up"]).stdout;
-    let heading = page.lines().find(|line| line.starts_with(".TH")).expect("a heading");
-    assert!(heading.starts_with(".TH orchestrator-up 1") && heading.contains("\"orchestrator "), "{heading}");
-}
-
-#[test]
 fn a_run_is_watched_from_another_terminal_which_comes_back() {
     let workshop = Workshop::new();
     let child = start(workshop.up("run", 2, 2, 3000));
