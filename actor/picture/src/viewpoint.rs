@@ -80,10 +80,15 @@ pub fn best(model: &Model, points: &[Point], tall: f32) -> Orbit {
     for (rank, pitch_rad) in PITCHES.into_iter().enumerate() {
         for direction in 0..DIRECTIONS {
             let orbit = around(points, TAU * direction as f32 / DIRECTIONS as f32, pitch_rad, tall);
+            let lost = PREFERENCE * rank as f32 + FARTHER * orbit.radius_m;
+            let is_better = |score: f32| best.as_ref().is_none_or(|(highest, _)| score > *highest);
+            // What shows everything and nothing beyond the room may not be good enough: drawing takes the time.
+            if !is_better(1.0 - lost) {
+                continue;
+            }
             let (seen, bare) = seen(model, &orbit.camera(), points, tall);
-            let lost = PREFERENCE * rank as f32 + FARTHER * orbit.radius_m + BARE * bare;
-            let score = seen / total - lost;
-            if best.as_ref().is_none_or(|(highest, _)| score > *highest) {
+            let score = seen / total - (lost + BARE * bare);
+            if is_better(score) {
                 best = Some((score, orbit));
             }
         }

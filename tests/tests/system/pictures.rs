@@ -48,6 +48,10 @@ fn the_pictures_of_the_documents_are_made_where_they_are_asked_for() {
     let film = browser.download(".film", &workshop.path(""), &file);
     assert!(film.len() < FILM_MAX, "the film has {} bytes: choose a shorter episode", film.len());
     std::fs::write(folder.join("view-episode.gif"), film).expect("a folder of pictures");
+    workshop.call(&["report", run.to_str().expect("a name that is text"), "--out", "page"]).good();
+    browser.open(&format!("file://{}", workshop.path("page/report.html").display()));
+    browser.wait_for("document.querySelector('#episode img')?.complete");
+    keep(&mut browser, &folder, "report.png");
     assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
     assert!(viewer.stop());
 }
