@@ -387,7 +387,7 @@ def table(runs: list[dict[str, Any]]) -> str:
         both = pairs(runs, task, peer)
         if all(both):
             finals = [interval([one["final"] for one in of]) for of in both]
-            returns = " | ".join("{:.1f} [{:.1f}, {:.1f}]".format(*final) for final in finals)
+            returns = " | ".join("{:.4g} [{:.4g}, {:.4g}]".format(*final) for final in finals)
             seeds = ", ".join(dict.fromkeys(str(len(of)) for of in both))
             theirs, ours = (float(np.median([one["frames"] / one["wall_s"] for one in of])) for of in both)
             speeds = f"{theirs:,.0f} | {ours:,.0f} | {ours / theirs:.2f}"
@@ -414,7 +414,7 @@ def draw(runs: list[dict[str, Any]], picture: Path) -> None:
                     axis.plot(frames, middle, INKS[label], linewidth=2)
                     axis.fill_between(frames, low, high, color=INKS[label], alpha=0.16, linewidth=0)
             axis.set_visible(bool(axis.lines))
-            settle(axis, f"{task}, return, {SETTINGS[peer]} settings")
+            settle(axis, f"{task}, {SETTINGS[peer]} settings")
             if axis.lines:
                 left, bottom, width, height = axis.get_position().bounds
                 card = {"facecolor": "white", "edgecolor": LINE, "zorder": -1, "transform": figure.transFigure}
@@ -441,7 +441,7 @@ def settle(axis: Any, title: str) -> None:
     axis.tick_params(labelsize=11, length=0, labelcolor=SOFT)
     axis.xaxis.set_major_formatter(short)
     axis.locator_params(nbins=5)
-    axis.set_xlabel("frames", fontsize=11, color=SOFT)
+    axis.set_xlabel("return over frames", fontsize=11, color=SOFT)
     axis.set_xlim(left=0)
     axis.margins(x=0)
 
