@@ -259,7 +259,7 @@ impl Telling {
                 self.things.push(ShownThing { category: category(thing), stood_m: [origin.x, origin.z] });
                 self.things.len() as u32 - 1
             });
-            moved.push((number, way.length(), [pose.translation.x, pose.translation.z]));
+            moved.push((number, way.length(), pose.translation.to_array()));
         }
         let nearly = nearly.1.map(|thing| (category(thing), nearly.0));
         self.shown.push(ShownMoment { moved, nearly, ..shown(rules, seen) });

@@ -138,8 +138,8 @@ pub struct ShownMoment {
     pub channels: BTreeMap<String, Vec<f32>>,
     /// The rewards of that action, the task's and the configuration's; none at the start.
     pub rewards: BTreeMap<String, f32>,
-    /// What is not where it stood: number in [`ShownEpisode::things`], how far (metres), and where it is now (x, z).
-    pub moved: Vec<(u32, f32, [f32; 2])>,
+    /// What is not where it stood: number in [`ShownEpisode::things`], how far (metres), and where it is now.
+    pub moved: Vec<(u32, f32, [f32; 3])>,
     /// Of what is displaced too little for that, what is displaced most: its category and how far, metres.
     pub nearly: Option<(String, f32)>,
 }

@@ -62,7 +62,10 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     browser.keep_downloads_in(folder.path());
     browser.resize(1280, 900);
-    open(&mut browser, folder.path(), &report, &json!([]));
+    let strip = |run: &str| json!({ "run": run, "task": "arm_point_nav", "caption": "", "strips": [{ "title": "success", "frames": [] }] });
+    open(&mut browser, folder.path(), &report, &json!([strip("runs/a"), strip("runs/b")]));
+    let headings = browser.value("[...document.querySelectorAll('#episode h3')].map((one) => one.textContent)");
+    assert_eq!(headings, json!(["runs/a: success", "runs/b: success"]));
     browser
         .value("[...document.querySelectorAll('.controls label')].find((one) => one.textContent === 'more').click()");
     browser.wait_for("document.querySelectorAll('.chart canvas').length >= 36");
@@ -87,6 +90,16 @@ fn the_page_fits_screens_and_gives_its_charts_away() {
     let narrow = "document.documentElement.scrollWidth <= innerWidth";
     browser.resize(390, 800);
     assert_eq!(browser.value(narrow), true, "the page does not scroll sideways on a phone");
+    // There each part of a page of several groups is folded away, and names leave their charts room.
+    open(&mut browser, folder.path(), &report, &json!([]));
+    let parts = "[...document.querySelectorAll('.report > [id]')].map(({ tagName, open }) => `${tagName} ${open}`)";
+    let parts = browser.value(parts);
+    let parts = parts.as_array().expect("a list");
+    assert!(parts.len() > 8 && parts.iter().all(|part| part == "DETAILS false"), "{parts:?}");
+    browser.value("document.querySelector('#results').open = true");
+    let wide = "(([frame, plot]) => plot.clientWidth > 0.5 * frame.clientWidth)(['.chart', '.u-over'].map((part) => document.querySelector(`#success-test-novel ${part}`)))";
+    browser.wait_for("document.querySelector('#success-test-novel .u-over')");
+    assert_eq!(browser.value(wide), true);
     keep(&mut browser, "report-narrow.png");
     assert_eq!(browser.complaints, Vec::<String>::new(), "the page's console has no error");
 }

@@ -108,6 +108,8 @@ export class Chart {
     const axis = { font, labelFont: font, stroke: () => css("--soft"), gap: 5 * scale, ticks: { show: false }, grid: { stroke: () => css("--line"), width: scale } };
     const pen = Object.assign(h("canvas", {}).getContext("2d"), { font });
     const room = (plot, values) => Math.max(0, ...(values ?? []).map((text) => pen.measureText(text ?? "").width)) + 14 * scale;
+    // Of a long name its end tells most.
+    const cut = (name) => { let text = name; while (text.length > 4 && pen.measureText(text).width > 0.35 * width) text = `…${text.slice(2)}`; return text; };
     const line = ({ name, colour, dash = [], opacity, width: thick, points, spanGaps }) => ({
       label: name, spanGaps, width: thick * scale, dash: dash.map((each) => each * scale), stroke: opacity ? () => see(colour, opacity) : undefined,
       points: points ?? { size: 5 * scale, width: 0, fill: () => css(colour) },
@@ -122,7 +124,7 @@ export class Chart {
       axes: [
         { ...axis, size: 20 * scale, space: 65 * scale, label: this.xLabel, labelSize: 15 * scale, labelGap: 0, values: (plot, splits) => (this.xFormat === short ? ticks(splits) : splits.map((value) => (value === null ? null : this.xFormat(value)))) },
         this.rows
-          ? { ...axis, size: room, grid: { show: false }, splits: () => this.rows.map((name, at) => at), values: () => this.rows }
+          ? { ...axis, size: room, grid: { show: false }, splits: () => this.rows.map((name, at) => at), values: () => this.rows.map(cut) }
           : { ...axis, size: room, space: 32 * scale, values: (plot, splits) => (this.share ? splits.map(shareText) : ticks(splits)) },
       ],
       series: [{}, ...this.lines.map(line)],

@@ -2,8 +2,9 @@
 // browser.
 
 import { ask, css, h } from "./dom.js";
-import { outcome, kitchenName } from "./format.js";
+import { metres, outcome, kitchenName } from "./format.js";
 import { gif } from "./gif.js";
+import { farthest } from "./stage.js";
 
 const [WIDTH, HEIGHT] = [640, 480];
 /** Height of each of the two lines above an episode's views, pixels. */
@@ -19,7 +20,8 @@ export function caption({ key, last, place: where, episode: { number, target, ou
 export function deeds(stage, step) {
   const at = Math.min(step, stage.last);
   const { acted, noted, measured } = stage.said(at);
-  return [`step ${at} of ${stage.last}${at ? `: ${acted}` : ""}`, ...noted.map(({ text }) => text), measured].filter(Boolean).join(" · ");
+  const [most] = farthest(stage.episode, stage.episode.moments[at]);
+  return [`step ${at} of ${stage.last}${at ? `: ${acted}` : ""}`, ...noted.map(({ text }) => text), measured, most && `${most.name} moved ${metres(most.far, 2)}`].filter(Boolean).join(" · ");
 }
 
 /** What the marks stand for, up to the right end of a line; gives where that begins. */

@@ -85,7 +85,7 @@ function place(card, column) {
 }
 
 export async function showList(root, query, signal) {
-  const asked = { sort: query.get("sort") ?? "", descending: query.get("descending") ?? "" };
+  const asked = { sort: query.get("sort") ?? "", descending: query.get("descending") ?? "", filter: query.get("filter") ?? "" };
   const chosen = new Set();
   const together = h("button", { hidden: true, onclick: () => { location.hash = `#/run/${[...chosen].join("+")}`; } }, "Show together");
   const beside = h("button", { hidden: true, onclick: () => { location.hash = `#/compare/${[...chosen].join("/")}`; } }, "Side by side");
@@ -93,6 +93,8 @@ export async function showList(root, query, signal) {
   /** Why two have no episode in common, if so. */
   const apart = ([one, other]) => (one?.elsewhere || other?.elsewhere ? "only episodes in kitchens are drawn"
     : JSON.stringify(one?.metrics) !== JSON.stringify(other?.metrics) ? "their tasks differ: they have no episode in common" : "");
+  const filter = h("input", { type: "text", placeholder: "filter", "aria-label": "Only runs with this text", value: asked.filter, oninput: () => { asked.filter = filter.value; sort(); } });
+  const matches = (card) => [named(card), card.folder, about(card), card.state].join(" ").toLowerCase().includes(asked.filter.toLowerCase());
   const legend = h("div", {});
   const body = h("tbody");
   const empty = h("p", { class: "soft" });
@@ -111,7 +113,7 @@ export async function showList(root, query, signal) {
     const sign = asked.descending ? -1 : 1;
     const value = (card) => (asked.sort ? place(card, asked.sort) ?? null : 0);
     const compare = (one, other) => (one === null) - (other === null) || sign * ((one > other) - (one < other));
-    const sorted = [...cards].sort((a, b) => compare(value(a), value(b)));
+    const sorted = cards.filter(matches).sort((a, b) => compare(value(a), value(b)));
     replace(body, groups(sorted).flatMap((group) => [group[0].suite_standing && [heading(group[0]), means(group).filter(({ seeds }) => seeds.length > 1).map(mean)], ...group.map(row)]));
     fit();
   };
@@ -121,7 +123,7 @@ export async function showList(root, query, signal) {
     order();
   };
   replace(root,
-    h("div", { class: "row between chooser" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside)),
+    h("div", { class: "row between chooser" }, h("h1", {}, "Runs"), h("div", { class: "row" }, hint, together, beside, filter)),
     legend, frame);
 
   const cells = (card) => metrics.map((label, at) => {
@@ -149,7 +151,7 @@ export async function showList(root, query, signal) {
     if (card.problem) return h("tr", {}, h("td", {}), h("td", {}, card.id), h("td", { colSpan: 2 + metrics.length }, h("span", { class: "bad small" }, card.problem)));
     const left = card.state === "running" && card.left_s !== null ? `, ${duration(card.left_s)} left` : "";
     const isWhole = card.state === "complete" && card.done >= card.budget;
-    const done = `${count(card.done)}${isWhole ? "" : ` of ${count(card.budget)}`} ${card.evaluation ? "episodes" : "frames"}${left}`;
+    const done = `${count(card.done)}${isWhole ? "" : ` of ${count(card.budget)}`} ${card.evaluation ? "episode" : "frame"}${card.budget === 1 ? "" : "s"}${left}`;
     return h("tr", { style: { "--indent": `${indent}rem` } },
       h("td", {}, box),
       h("td", {}, titled(card, Boolean(card.suite_standing), isNested), card.report && h("div", { class: "small" }, reportOf(card.id, card.report))),

@@ -51,6 +51,13 @@ function table(heads, rows, spans = null) {
 
 const plain = (rows) => rows.map((row) => ({ row }));
 const section = (id, title, ...content) => h("section", { id, class: "stack" }, h("h2", {}, title), content);
+/** A part with its title in the place of all of it. */
+function fold(part) {
+  const [{ id }, title] = [part, part.querySelector("h2")];
+  part.removeAttribute("id");
+  title.hidden = true;
+  return h("details", { id, class: "part" }, h("summary", {}, title.textContent), part);
+}
 const says = (...text) => h("p", { class: "small soft wide" }, text);
 
 class Page {
@@ -69,12 +76,15 @@ class Page {
     this.fields = this.fields.filter((field) => this.results.some(({ result }) => result.field === field));
     this.keys = h("div", { class: "legend small" });
     this.redraws = [];
-    const opening = [this.headline(), this.differing(), this.strips()];
-    const parts = [this.evaluated(), this.comparisons(), this.stages(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].flat().filter(Boolean);
     const several = this.names.length > 1;
+    // On a narrow screen those of several groups are many screens long.
+    const folds = several && innerWidth <= 500;
+    const folded = (part) => (folds && part?.id ? fold(part) : part);
+    const opening = [this.headline(), this.differing(), this.strips()].flat().map(folded);
+    const parts = [this.evaluated(), this.comparisons(), this.stages(), this.curves(), this.validation(), this.limits(), this.sweeps(), this.prediction(), this.actions(), this.runs()].flat().filter(Boolean).map(folded);
     replace(root, h("div", { class: "stack report" },
       h("div", { class: "row between" }, h("h1", {}, name ?? (report.groups.length === 1 ? report.groups[0].label : "Report")), h("span", { class: "small soft" }, name || report.groups.length === 1 ? "report " : null, made)),
-      h("nav", { class: "parts" }, [...opening, ...parts].filter((part) => part?.id).map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2").textContent))),
+      folds ? null : h("nav", { class: "parts" }, [...opening, ...parts].filter((part) => part?.id).map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2").textContent))),
       several ? this.keys : null,
       opening,
       report.notes.length ? h("details", { class: "notice", open: true }, h("summary", {}, "Before you trust these figures"), h("ul", {}, report.notes.map((note) => h("li", {}, note)))) : null,
@@ -123,7 +133,7 @@ class Page {
         h("div", { class: "row between" }, h("h2", {}, group.label), h("span", { class: "small soft" }, `${this.drawn && !this.several ? "" : `${words(group.task)} · `}${group.preset === group.label ? "" : `${group.preset} · `}${group.runs.length === 1 ? "seed" : "seeds"} ${group.runs.map((run) => run.seed).join(", ")} · ${result ? fieldName(result.field) : "newest tenth of training"}`)),
         h("dl", { class: "figures" }, this.report.tasks[group.task].shown.map(of), result ? entry("episodes", count(result.pooled.episodes)) : null, entry("frames", short(frames))),
         this.report.groups.length === 1 ? this.trained(group) : null,
-        group.differences.length ? says(`changed from the preset ${group.preset}: ${group.differences.join("; ")}`) : null);
+        group.differences.length ? says(`${group.label.includes("*") ? "* " : ""}changed from the preset ${group.preset}: ${group.differences.join("; ")}`) : null);
     });
     return [h("div", { class: "grid" }, cards), ways.size ? says(`Beneath a figure: its 95% interval; ${[...ways].join("; ")}.`) : null,
       meanings([...new Map(Object.values(this.report.tasks).flatMap(({ shown }) => shown).map((one) => [one.label, one])).values()])];
@@ -214,7 +224,7 @@ class Page {
     const chart = (one) => {
       const { name: figure, label: title } = one;
       const visible = () => found.filter(({ group }) => !this.hidden.has(group.label)).map(({ group, index, result }) => ({ name: group.label, colour: look(index).colour, ...meanOf(result, one), paper: this.published(group, field)?.[figure] }));
-      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean, shaded its 95% interval${found.some(({ group }) => this.published(group, field)) ? "; open diamond: the paper" : ""}`, xFormat: one.kind === "share" ? (value) => percent(value, 0) : short });
+      const made = new Chart(`${title}, ${fieldName(field)}`, { share: one.kind === "share", rows: [], xLabel: `mean and its 95% interval${found.some(({ group }) => this.published(group, field)) ? "; ◇ the paper" : ""}`, xFormat: one.kind === "share" ? (value) => percent(value, 0) : short });
       made.element.id = `${figure}-${field}`;
       this.redraws.push(() => {
         const all = visible();
@@ -313,15 +323,8 @@ class Page {
       curves.element.id = this.several ? `training-${task}` : "training";
       return curves;
     }).filter(({ charts }) => charts.size).map(({ element }) => element);
-    // On a narrow screen those of several tasks are many screens long.
-    const fold = (one) => {
-      const [{ id }, title] = [one, one.querySelector("h2")];
-      one.removeAttribute("id");
-      title.hidden = true;
-      return h("details", { id }, h("summary", {}, title.textContent), one);
-    };
     made.at(-1).append(says(`Training episodes in bins of an eightieth of the run${this.spread()}; faint, without smoothing, which begins anew with each stage. The return is under the reward of the stage, so it jumps where the reward changes. While a run stands still no time passes.`));
-    return this.several && innerWidth <= 500 ? made.map(fold) : made;
+    return made;
   }
 
   /** What curves over training show of several seeds. */
@@ -368,7 +371,7 @@ class Page {
     const staged = this.report.groups.some(({ stages }) => stages.length > 1) ? ` Before and after stage II: evaluate the checkpoint at stage I's end, too (\`${this.program} eval RUN/checkpoints/rollout-NUMBER.json --record all\`).` : "";
     if (!this.episodes.length) return this.none(`One episode in pictures: no run has a recorded evaluation (\`${this.program} eval RUN --record all\`).${staged}`);
     const pictures = ({ run, task, caption, strips }, index) => {
-      const whose = this.several ? `${run}, ${words(task)}: ` : "";
+      const whose = this.names.length > 1 ? `${run}${this.several ? `, ${words(task)}` : ""}: ` : "";
       const made = h("figure", { id: `episode-${index + 1}`, class: "card stack" }, strips.map(({ title, frames }) => h("div", {}, h("h3", {}, whose, title),
         h("div", { class: "strip-frames" }, frames.map(({ png, words }) => h("div", {}, h("img", { src: png, alt: words.join(", ") }), h("small", { class: "soft" }, words.map((each, at) => [at ? ", " : "", h("span", { style: { "white-space": "nowrap" } }, each)]))))))),
       h("p", { class: "small soft" }, caption, " ", h("button", { class: "save", "aria-label": `Save the pictures of episode ${index + 1} as PNG`, onclick: () => savePictures(made, `episode-${index + 1}.png`) }, "PNG")));

@@ -88,10 +88,12 @@ const SAME = { held: "holding", target: "current_target" };
 const DRAFT = [110, 50];
 /** What a pixel of a draft takes on this machine, as of late, milliseconds. */
 let pixelTakes = null;
+/** So many of the things that are displaced have their names in the picture: those that are displaced most. */
+const NAMED = 4;
 const CLAMP = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** The room from a free camera. `moved`: told when the camera was moved. */
-class OrbitView {
+export class OrbitView {
   constructor(stage, moved, drawn) {
     Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, isAtRest: true, pointers: new Map() });
     const canvas = h("canvas", {
@@ -103,7 +105,8 @@ class OrbitView {
       oncontextmenu: (event) => event.preventDefault(),
     });
     this.first = h("div", { class: "first" }, waiting("The room is being drawn", stage.signal).element);
-    Object.assign(this, framed(canvas, "picture", this.first));
+    this.names = h("div", { class: "names", "aria-hidden": "true" });
+    Object.assign(this, framed(canvas, "picture", this.names, this.first));
     this.home();
   }
 
@@ -169,15 +172,31 @@ class OrbitView {
     this.changed();
   }
 
-  /** Whether a place is in the picture. */
-  holds(place) {
+  /** Where a place is in the picture: right of its middle and above it, in halves of its width. */
+  seen(place) {
     const { yaw_rad: yaw, pitch_rad: pitch, radius_m: radius, centre_m: centre } = this.camera;
     const [x, y, z] = place.map((value, axis) => value - centre[axis]);
     const across = x * Math.cos(yaw) - z * Math.sin(yaw);
     const flat = x * Math.sin(yaw) + z * Math.cos(yaw);
     const depth = (radius * Math.hypot(1, HALF_WIDTH)) / HALF_WIDTH + flat * Math.cos(pitch) - y * Math.sin(pitch);
     const up = y * Math.cos(pitch) + flat * Math.sin(pitch);
-    return Math.abs(across) < HALF_WIDTH * depth && Math.abs(up) < 0.75 * HALF_WIDTH * depth;
+    return depth > 0 ? [across / (HALF_WIDTH * depth), up / (HALF_WIDTH * depth)] : [Infinity, Infinity];
+  }
+
+  /** Whether a place is in the picture. */
+  holds(place) {
+    const [right, up] = this.seen(place);
+    return Math.abs(right) < 1 && Math.abs(up) < 0.75;
+  }
+
+  /** Names what is displaced, beside it. */
+  name(step) {
+    const { episode } = this.stage;
+    const there = farthest(episode, episode.moments[step]).filter(({ place }) => this.holds(place)).slice(0, NAMED);
+    replace(this.names, there.map(({ name, far, place }) => {
+      const [right, up] = this.seen(place);
+      return h("span", { style: { left: `clamp(5rem, ${50 + 50 * right}%, 100% - 5rem)`, top: `${50 - (200 / 3) * up}%` } }, `${name} ${metres(far, 2)}`);
+    }));
   }
 
   /** Where robot or target leave the picture of an episode that goes on: the view from which its way so far is seen. A
@@ -239,6 +258,7 @@ class OrbitView {
       // Of those that were overtaken the newest draws on.
       if (!painted) return;
       this.canvas.dataset.step = String(step);
+      this.name(step);
       this.tell(this.step);
       this.first.remove();
       this.drawn();
@@ -284,7 +304,7 @@ class PlanView {
     const [base, target, goal] = [place(now, "base_position_m"), place(now, "target_position_m"), place(now, "goal_position_m")];
     const yaw = now.channels.base_yaw_rad?.[0] ?? 0;
     const carried = moments.slice(0, step + 1).filter(({ channels }) => channels.holding?.[0]);
-    const moved = now.moved.map(([number, , [toX, toZ]]) => {
+    const moved = now.moved.map(([number, , [toX, , toZ]]) => {
       const [fromX, fromZ] = things[number].stood_m;
       return [svg("line", { class: "moved", x1: fromX, y1: -fromZ, x2: toX, y2: -toZ }), svg("circle", { class: "moved", cx: toX, cy: -toZ, r: 0.045 })];
     });
@@ -327,6 +347,9 @@ function optimised({ task, reward, moments }) {
   return given.find((name) => name === reward) ?? given.at(-1) ?? task.rewards[0]?.name;
 }
 
+/** What is displaced at a moment, what is displaced most first: its name, how far, and where it is. */
+export const farthest = ({ things }, { moved }) => moved.map(([thing, far, place]) => ({ name: things[thing].category, far, place })).sort((one, other) => other.far - one.far);
+
 /** Parts of the reward that are 1 at a moment, and whether they are good news. */
 function marks(episode, moment) {
   const { task } = episode;
@@ -337,11 +360,11 @@ function marks(episode, moment) {
 }
 
 /** How the camera is turned with what the visitor has: fingers or a mouse. */
-const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag to turn, two fingers to zoom and move." : "Drag to turn, wheel to zoom, shift-drag to move.");
+const hint = () => (matchMedia("(pointer: coarse)").matches ? "Drag turns, two fingers zoom and move." : "Drag turns, wheel zooms, shift-drag moves.");
 
 /** What is marked in the room. */
 export const explained = ({ target }) => h("ul", { class: "marks small soft" },
-  [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced by more than 0.01 m along an axis, pale where it stood"]]
+  [...(target ? [["--mark-target", "the target, pale where something hides it"]] : []), ["--mark-goal", "the goal"], ["--mark-displaced", "displaced by more than 0.01 m along an axis, pale where it stood"], ...(target ? [["--mark-holds", "the hand while it holds"]] : [])]
     .map(([ink, text]) => h("li", {}, h("span", { class: "swatch", style: { background: `var(${ink})` } }), text)), h("li", { class: "faint" }, hint()));
 
 /** Keys and what they do. */
@@ -613,7 +636,7 @@ export class Stage {
 
   displaced(now) {
     const row = (name, far, kind) => h("tr", { class: kind }, h("td", {}, name), h("td", {}, metres(far)));
-    const rows = [...now.moved].sort((a, b) => b[1] - a[1]).map(([thing, far]) => row(this.episode.things[thing].category, far));
+    const rows = farthest(this.episode, now).map(({ name, far }) => row(name, far));
     if (now.nearly) rows.push(row(...now.nearly, "soft"));
     const listed = now.moved.reduce((total, [, far]) => total + far, now.nearly?.[1] ?? 0);
     const total = now.channels.disturbance_m?.[0] ?? listed;

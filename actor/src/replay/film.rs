@@ -5,13 +5,14 @@
 
 use super::picture::Sink;
 use anyhow::Result;
-use picture::{Captions, Moment, Storyboard};
+use picture::{Captions, Moment, Storyboard, is_displaced};
 use proto::episode::EnvironmentId;
 use proto::replay::{ImageFormat, ReplayImages, Rules, Seen};
 use proto::task::UNFINISHED;
 use rapier3d::math::Pose3;
 use simulator::depth::DepthCamera;
 use simulator::environment::Base;
+use simulator::kitchen::Kitchen;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -72,6 +73,15 @@ pub(crate) fn moment(environment: &Base, words: Captions) -> Moment {
     Moment::of(environment.simulation(), environment.world_from_camera(), words)
 }
 
+/// What is displaced most, other than the target: `Mug moved 0.12 m`.
+fn farthest(kitchen: &Kitchen, target: Option<usize>, first: &[Pose3], now: &[Pose3]) -> Option<String> {
+    let places = first.iter().zip(now).map(|(first, now)| (first.translation, now.translation)).enumerate();
+    let others = places.filter(|&(thing, (from, to))| Some(thing) != target && is_displaced(from, to));
+    let far = others.map(|(thing, (from, to))| (thing, (to - from).length()));
+    let (most, far_m) = far.max_by(|(_, one), (_, other)| one.total_cmp(other))?;
+    Some(format!("{} moved {far_m:.2} m", kitchen.bodies()[kitchen.movable_bodies()][most].category))
+}
+
 pub struct Film {
     played: Played,
     moments: Vec<Moment>,
@@ -87,7 +97,13 @@ impl Film {
 
     pub fn keep(&mut self, rules: &Rules, environment: &Base, seen: &Seen) {
         seen.record.clone_into(&mut self.record);
-        self.moments.push(moment(environment, words(rules, seen)));
+        let mut moment = moment(environment, words(rules, seen));
+        let target = picture::target(rules.spec, environment, seen.record);
+        let first = self.moments.first().unwrap_or(&moment);
+        if let Some(moved) = farthest(environment.kitchen(), target, &first.things, &moment.things) {
+            moment.captions.measures.extend([", ", &moved]);
+        }
+        self.moments.push(moment);
     }
 
     /// Draws it; `drawn` is called after each moment. Returns how many pictures there are, and the name of a film's file.
@@ -149,6 +165,22 @@ mod tests {
         played.fixed = None;
         assert_eq!(played.name(None, "failure"), "kitchen-26-environment-1-episode-000004-failure");
         assert_eq!(played.title(Some("Mug")), "Kitchen 26, environment 1, episode 4: Mug");
+    }
+
+    #[test]
+    fn a_caption_names_what_is_displaced_most_but_not_the_target() {
+        let kitchen = Kitchen::build(KitchenId::new(1).unwrap(), &Config::default().simulation).unwrap();
+        let first = kitchen.settled_poses()[kitchen.movable_bodies()].to_vec();
+        let mut now = first.clone();
+        let of = |target, now: &[Pose3]| farthest(&kitchen, target, &first, now);
+        assert_eq!(of(None, &now), None);
+        for (thing, way_m) in [0.02, 0.118, 0.3].into_iter().enumerate() {
+            now[thing].translation.x += way_m;
+        }
+        let moved = |thing: usize, far: &str| {
+            Some(format!("{} moved {far} m", kitchen.bodies()[kitchen.movable_bodies()][thing].category))
+        };
+        assert_eq!([of(Some(2), &now), of(None, &now)], [moved(1, "0.12"), moved(2, "0.30")]);
     }
 
     #[test]

@@ -279,6 +279,18 @@ fn what_a_step_is_said_to_be(browser: &mut Browser) {
         named.as_str().is_some_and(|text| text.contains("CoffeeMachine") && text.contains("others, less than")),
         "{named}"
     );
+    // What was displaced most is named above the film, and beside it in the room.
+    let named = browser.value(
+        "(async () => { const [{ deeds }, { OrbitView }] = await Promise.all([import('/film.js'), import('/stage.js')]); \
+           const episode = { things: [{ category: 'Mug' }, { category: 'Apple' }], moments: [{ moved: [[0, 0.02, [9, 1, 0]], [1, 0.118, [0.4, 1, 0]]] }] }; \
+           const names = document.createElement('div'); \
+           const camera = { yaw_rad: 0, pitch_rad: 0, radius_m: 1, centre_m: [0, 1, 0] }; \
+           OrbitView.prototype.name.call({ __proto__: OrbitView.prototype, stage: { episode }, names, camera }, 0); \
+           const said = () => ({ noted: [], measured: null }); \
+           const [{ textContent, style }] = names.children; \
+           return [deeds({ episode, last: 0, said }, 0), names.children.length, textContent, /^clamp.*68[.]4/.test(style.left) && style.top === '50%']; })()",
+    );
+    assert_eq!(named, serde_json::json!(["step 0 of 0 · Apple moved 0.12 m", 1, "Apple 0.12\u{a0}m", true]));
 }
 
 /// From the top of the page to an episode's third step without a mouse.
@@ -329,6 +341,17 @@ fn two_are_beside_one_another(browser: &mut Browser, workshop: &Workshop) {
         browser.wait_for(&format!("{sorted} && {at_top}"));
         browser.value("window.isOld = true; setTimeout(() => location.reload()); 0");
         browser.wait_for(&format!("!window.isOld && {sorted} && {at_top}"));
+    }
+    // A text leaves the runs that have it.
+    let filter = |text: &str| {
+        format!(
+            "((box) => {{ box.value = '{text}'; box.dispatchEvent(new Event('input')); }})(document.querySelector('.chooser input[type=text]'))"
+        )
+    };
+    let left = "[...document.querySelectorAll('.runs tbody a')].map((one) => one.textContent).join()";
+    for (text, names) in [("Copied", "copied"), ("", "copied,watched")] {
+        browser.value(&filter(text));
+        assert_eq!(browser.value(left), names);
     }
     browser.value("location.hash = '#/run/watched+copied'");
     browser.wait_for("document.querySelectorAll('table[aria-label=\"The runs\"] tbody tr').length === 2");
