@@ -43,7 +43,7 @@ pub fn run(args: &CompareArgs) -> Result<()> {
         return Ok(());
     }
     for line in comparison.lines() {
-        terminal::out(&line);
+        terminal::out_wrapped(&line);
     }
     Ok(())
 }

@@ -94,9 +94,8 @@ pub fn cells(card: &Card) -> Vec<String> {
     if card.problem.is_some() {
         return vec![NOTHING.to_owned(), "unreadable".to_owned()];
     }
-    let what = if card.evaluation { "episodes" } else { "frames" };
-    let of = if card.done == card.budget { String::new() } else { format!(" / {}", format::count(card.budget)) };
-    let done = format!("{}{of} {what}", format::count(card.done));
+    let budget = format::counted(card.budget, if card.evaluation { "episode" } else { "frame" });
+    let done = if card.done == card.budget { budget } else { format!("{} / {budget}", format::count(card.done)) };
     let metrics = card.metrics.iter().filter(|metric| metric.unit.is_empty());
     let figures = format::metrics(metrics, &card.figures, "  ");
     let left = card.left_s.and_then(|left_s| Duration::try_from_secs_f64(left_s).ok());
@@ -162,6 +161,8 @@ mod tests {
         assert_eq!(subject(&asked("evaluations/a")), "demo, seed 12: test, novel, drawn");
         let done = Card { done: 1000, ..card("a", false, None) };
         assert_eq!(cells(&done)[3], "1,000 frames");
+        let one = Card { done: 1, budget: 1, ..card("a", true, None) };
+        assert_eq!(cells(&one)[3], "1 episode");
     }
 
     #[test]

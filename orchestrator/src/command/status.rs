@@ -226,6 +226,7 @@ pub fn of_suite(root: &Path, json: bool) -> Result<()> {
     terminal::out(&standing.summary());
     let runs = standing.each();
     terminal::out_table(&suite_rows(&runs, &cards));
+    standing.apart().iter().for_each(|line| terminal::out_wrapped(line));
     terminal::out(&format!("runs in {}", root.join("runs").display()));
     for (run, _, reason) in &runs {
         if let Some(reason) = reason {

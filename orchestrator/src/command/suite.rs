@@ -222,6 +222,7 @@ fn announce(suite: &Suite, folder: &SuiteFolder, as_json: bool) -> serde_json::R
     for line in aligned(&suite.entries.iter().map(row).collect::<Vec<_>>()) {
         terminal::out(&line);
     }
+    suite.apart().iter().for_each(|line| terminal::out_wrapped(line));
     let [frames, disk] = [0, 1].map(|which| suite.entries.iter().map(|entry| size(entry)[which]).sum());
     let (runs, frames, disk) = (counted(suite.entries.len() as u64, "run"), count(frames), bytes(disk));
     terminal::out(&format!(

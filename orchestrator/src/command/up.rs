@@ -282,13 +282,12 @@ fn introduce(config: &Config, asked: bool) {
         let full = ["paper", "recipe"].map(|preset| next_steps::full_run("orchestrator", preset, std::env::args()));
         let full = match full {
             [Some(paper), Some(recipe)] => format!(
-                " The full run is `{paper}` (19\nenvironments, the paper's exact shape) or `{recipe}` on a machine with a \
-                 GPU."
+                " The full run is `{paper}` (19 environments, the paper's exact shape) or `{recipe}` on a machine with a GPU."
             ),
             _ => String::new(),
         };
         terminal::note(&format!(
-            "{why}This is a demonstration, not the paper's experiment: a small encoder, episodes that begin near their\n\
+            "{why}This is a demonstration, not the paper's experiment: a small encoder, episodes that begin near their \
              target, {frames} frames instead of 45,000,000.{full}"
         ));
     } else if !asked {

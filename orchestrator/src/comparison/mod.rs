@@ -33,8 +33,8 @@ pub struct Comparison {
     pub configuration: Vec<Row>,
     pub figures: Vec<Row>,
     /// Of two evaluations that played the same ones.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub same_episodes: Option<SameEpisodes>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub same_episodes: Vec<SameEpisodes>,
 }
 
 impl Comparison {
@@ -69,7 +69,7 @@ impl Comparison {
             let error = format!("{error:#}");
             terminal::note(&format!("{} is left out: {}", path.display(), error.lines().next().unwrap_or_default()));
         }
-        let mut same_episodes = None;
+        let mut same_episodes = Vec::new();
         if configs.iter().all(|config| config.evaluation.is_some()) {
             figures::side_by_side(&mut known);
             if let ([one, other], [first, second]) = (&runs[..], &configs[..]) {
@@ -84,8 +84,8 @@ impl Comparison {
 
     pub fn lines(&self) -> Vec<String> {
         let mut lines = self.within(terminal::width());
-        if let (Some(same), [one, other]) = (self.same_episodes, &shortened(&self.runs)[..]) {
-            lines.push(same.line([one, other]));
+        if let [one, other] = &shortened(&self.runs)[..] {
+            lines.extend(self.same_episodes.iter().map(|same| same.line([one, other])));
         }
         lines
     }
@@ -225,7 +225,7 @@ mod tests {
             with("frames/s, mean", of([1200.0, 1300.0, 1.0, 1100.0]), [""; 4], Format::Rate),
             with("II: SR", [json!(0.1), Value::Null, json!(0.2), json!(0.3)], [""; 4], share()),
         ];
-        let with_means = Comparison { runs, configuration, figures, same_episodes: None }.with_means();
+        let with_means = Comparison { runs, configuration, figures, same_episodes: Vec::new() }.with_means();
         assert_eq!(with_means.runs[4..], ["runs/a, mean of 3"]);
         let shown: Vec<&str> = with_means.figures.iter().map(|row| row.shown[4].as_str()).collect();
         assert_eq!(shown, ["", "3,500", "30.0%", "0.500", "1 min 30 s", "1,200", ""]);
@@ -252,8 +252,12 @@ mod tests {
             row("stage I: SPL", ["0.10", "0.20", ""]),
             row("stage I: path", ["", NOTHING, ""]),
         ];
-        let comparison =
-            Comparison { runs, configuration: vec![row("seed", ["1", "a\nb", "3"])], figures, same_episodes: None };
+        let comparison = Comparison {
+            runs,
+            configuration: vec![row("seed", ["1", "a\nb", "3"])],
+            figures,
+            same_episodes: Vec::new(),
+        };
         let whole = [
             "         runs/one  runs/two  three",
             "configuration",

@@ -26,6 +26,7 @@ pub struct EvaluationAudience {
     /// When the actors had answered, and when the last episode ended.
     span: Option<(Duration, Duration)>,
     live: Live,
+    is_stopped: bool,
 }
 
 impl EvaluationAudience {
@@ -40,6 +41,7 @@ impl EvaluationAudience {
             device: String::new(),
             span: None,
             live: Live::default(),
+            is_stopped: false,
         })
     }
 
@@ -72,7 +74,8 @@ impl EvaluationAudience {
         let left = |(began, _)| {
             let elapsed_s = now.saturating_sub(began).as_secs_f64();
             let left_s = elapsed_s / played as f64 * (asked - played) as f64;
-            (played > 0).then(|| format!("{} left", format::duration(Duration::from_secs_f64(left_s))))
+            (played > 0 && !self.is_stopped)
+                .then(|| format!("{} left", format::duration(Duration::from_secs_f64(left_s))))
         };
         let left = self.span.map_or_else(|| Some("starting".to_owned()), left);
         Progress::of(self.spec, asked as u64, records).line(left, columns)
@@ -112,6 +115,10 @@ impl Audience for EvaluationAudience {
         if self.live.is_due(now) {
             self.live.show(self.line(now, self.live.columns()));
         }
+    }
+
+    fn stop_asked(&mut self) {
+        self.is_stopped = true;
     }
 
     fn over(&mut self) {
@@ -161,5 +168,11 @@ mod tests {
         hear(ready());
         hear(played(0, true));
         assert_eq!((standing().played, standing().means["success"], standing().result), (1, Some(1.0), None));
+        // Whoever has stopped it waits for no more of them.
+        audience.span = Some((Duration::ZERO, Duration::from_secs(4)));
+        let left = |audience: &EvaluationAudience| audience.line(Duration::from_secs(4), None).contains(" left");
+        assert!(left(&audience));
+        audience.stop_asked();
+        assert!(!left(&audience));
     }
 }

@@ -57,9 +57,9 @@ impl Progress {
 
     /// How far it is, the time left or what it waits for, and the first metrics; as much as fits so many columns.
     pub fn line(&self, left: Option<String>, columns: Option<usize>) -> String {
-        let (played, asked) = (format::count(self.played), format::count(self.asked));
+        let (played, asked) = (format::count(self.played), format::counted(self.asked, "episode"));
         let percent = 100.0 * self.played as f64 / self.asked.max(1) as f64;
-        let done = [Some(format!("{played} / {asked} episodes  {percent:.1}%")), left];
+        let done = [Some(format!("{played} / {asked}  {percent:.1}%")), left];
         // More would not fit the line.
         let first = self.described.iter().take(if self.played > 0 { 3 } else { 0 });
         let figures = first.map(|one| format!("{} {}", one.label, shown(one, self.means[&one.name])));

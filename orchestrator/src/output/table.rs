@@ -105,9 +105,12 @@ pub fn wrapped(text: &str, width: usize) -> Vec<String> {
         let gap = rest[..rest.len().min(width + 2)].windows(2).rposition(|pair| pair == [' ', ' ']);
         let end = gap.filter(|at| *at > indent).or(space).unwrap_or_else(|| end_within(&rest, indent, width));
         let line: String = rest.drain(..end).collect();
-        lines.push(line.trim_end().to_owned());
-        let spaces = rest.iter().take_while(|letter| **letter == ' ').count();
-        rest.drain(..spaces);
+        // A bar between two figures stands between none where the line ends.
+        let line = line.trim_end();
+        lines.push(line.strip_suffix("  |").unwrap_or(line).to_owned());
+        let is_bar = |at: usize| rest[at..].starts_with(&['|', ' ', ' ']);
+        let gap = (0..rest.len()).take_while(|&at| rest[at] == ' ' || is_bar(at)).count();
+        rest.drain(..gap);
     }
     if !rest.is_empty() || lines.is_empty() {
         lines.push(rest.into_iter().collect());
@@ -172,6 +175,9 @@ mod tests {
         assert_eq!(wrapped(figures, 29), ["SR 5.0%  worst severity 0.1 m", "exposure 1 step"]);
         assert_eq!(wrapped(figures, 28), ["SR 5.0%", "worst severity 0.1 m", "exposure 1 step"]);
         assert_eq!(wrapped(figures, 15)[..3], ["SR 5.0%", "worst severity", "0.1 m"]);
+        let barred =
+            [12, 13, 14, 15, 16].map(|width| wrapped("9 / 9 frames  |  7 frames/s  |  1 s left", width).join("/"));
+        assert!(barred.iter().all(|lines| lines == "9 / 9 frames/7 frames/s/1 s left"), "{barred:?}");
         let titled = [vec!["a title of a part".to_owned()], row(["a", "b", "c"])];
         assert_eq!(aligned(&titled), ["a title of a part", "a  b  c"]);
         assert_eq!(wrapped("  one two", 6), ["  one", "two"]);

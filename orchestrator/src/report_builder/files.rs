@@ -139,8 +139,11 @@ pub fn rows(report: &Report) -> (Vec<Vec<String>>, Vec<String>) {
         let first = [group.label.clone(), result.name.clone(), seeds, counted(episodes, "episode")];
         first.into_iter().chain(metrics).collect()
     };
-    let rows = of_groups(report).map(&mut row).collect();
-    let starred = of_groups(report).map(|(group, _)| group).filter(|group| group.label.contains('*'));
+    let rows = of_groups(report)
+        .map(&mut row)
+        .chain(report.groups.iter().filter_map(|group| trained(report, group)))
+        .collect();
+    let starred = report.groups.iter().filter(|group| group.label.contains('*'));
     let other = |GroupReport { label, preset, differences, .. }: &GroupReport| {
         format!("{label} is the preset {preset} with {}", differences.join("; "))
     };
@@ -149,6 +152,16 @@ pub fn rows(report: &Report) -> (Vec<Vec<String>>, Vec<String>) {
     let ways = ways.collect::<Vec<_>>().join("; ");
     let ways = (!ways.is_empty()).then(|| format!("in brackets, 95% intervals. {ways}"));
     (rows, ways.into_iter().chain(other).collect())
+}
+
+/// The row of a group that was not evaluated: what its training came to.
+fn trained(report: &Report, group: &GroupReport) -> Option<Vec<String>> {
+    let stage = group.stages.iter().rfind(|stage| group.results.is_empty() && !stage.figures.is_empty())?;
+    let known = report.tasks[&group.task].shown.iter().filter_map(|one| Some((one, *stage.figures.get(&one.name)?)));
+    let metrics = known.map(|(one, figure)| format!("{} {}", one.label, format::metric(one, Some(figure))));
+    let seeds = format!("{}{}", counted(group.runs.len() as u64, "seed"), unfinished(group.runs.iter()));
+    let what = format!("training, newest tenth of stage {}", stage.name);
+    Some([group.label.clone(), what, seeds].into_iter().chain(metrics).collect())
 }
 
 /// The states of runs that are not complete, in brackets; nothing where all are.
@@ -275,7 +288,15 @@ mod tests {
         assert_eq!(unfinished(begun.iter()), " (1 of them not complete: cut off at 0 of 420,000 frames)");
         assert_eq!(unfinished(begun[1..].iter()), "");
         assert!(rows[0].iter().any(|cell| cell.starts_with("disturbance 0.000 m")), "{rows:?}");
-        assert!(said.contains(&"demo* is the preset demo with ppo.clip = 0.3".to_owned()), "{said:?}");
+        let star = "demo* is the preset demo with ppo.clip = 0.3".to_owned();
+        assert!(said.contains(&star), "{said:?}");
+        // Of what was not evaluated it has what the training came to.
+        let mut alone = runs[0].clone();
+        alone.evaluations.clear();
+        alone.stages = vec![[("success".to_owned(), 0.25)].into(), BTreeMap::new()];
+        let (rows, said) = super::rows(&Report::of(&[alone], &Options::default(), Vec::new()).unwrap());
+        assert_eq!(rows, [["demo*", "training, newest tenth of stage I", "1 seed", "SR 25.0%"]]);
+        assert_eq!(said, [star]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The file of a suite: which presets with which seeds, and how they are evaluated. The whole file is checked before
 //! anything starts.
 
+use super::by_name;
 use super::grid::{Point, points};
 use super::in_words::{in_words, some_of};
 use crate::evaluation::choice::{ObjectsChoice, SplitChoice, word};
@@ -8,26 +9,13 @@ use crate::evaluation::subject::network_differences;
 use crate::output::format::{count, counted};
 use crate::training::next_steps::without_stage_one;
 use anyhow::{Context, Result, bail, ensure};
-use proto::bounded;
 use proto::config::{Config, check_settings, overlay};
 use proto::evaluation::has_targets;
-use proto::shell::quoted;
 use proto::stage::{TooFewFrames, scale_to};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use toml::{Table, Value};
-
-/// The suites that this program has in itself, by name: where there is no checkout.
-pub const BUILT_IN: [(&str, &str); 7] = [
-    ("ablations", include_str!("../../../suites/ablations.toml")),
-    ("kitchens", include_str!("../../../suites/kitchens.toml")),
-    ("paper", include_str!("../../../suites/paper.toml")),
-    ("recipe", include_str!("../../../suites/recipe.toml")),
-    ("seeds", include_str!("../../../suites/seeds.toml")),
-    ("short", include_str!("../../../suites/short.toml")),
-    ("two-seeds", include_str!("../../../suites/two-seeds.toml")),
-];
 
 const RUNS_MAX: usize = 1000;
 /// Longest name of a run without its seed: file systems allow 255 bytes, and its folders and files add to it.
@@ -120,38 +108,13 @@ impl Suite {
     /// Reads and judges a file, or a built-in one where only its name is given. If there are `seeds`, they take the place
     /// of all in the file, in the text that is returned as well.
     pub fn read(path: &Path, seeds: &[u64]) -> Result<(Self, String)> {
-        let built_in = BUILT_IN.iter().find(|(name, _)| Path::new(name) == path && !path.is_file());
-        let text = match built_in {
-            Some((_, text)) => (*text).to_owned(),
-            None => Self::text_of(path)?,
-        };
+        let text = by_name::text(path)?;
         let is_toml = path.extension().is_none_or(|ending| ending == "toml") || text.parse::<Table>().is_ok();
         let named = format!("{}{}", path.display(), if is_toml { "" } else { ": it must be TOML" });
         let named = || named.clone();
         let text = if seeds.is_empty() { text } else { with_seeds(&text, seeds).with_context(named)? };
         let suite = Self::parse(&text).with_context(named)?;
         Ok((suite, text))
-    }
-
-    fn text_of(path: &Path) -> Result<String> {
-        ensure!(
-            path.exists() || path.extension().is_some(),
-            "{} is no file, and no built-in suite ({}): a suite is a TOML file (`orchestrator suite --help` shows one); \
-             `orchestrator up --preset` trains a preset, `orchestrator presets` lists them",
-            path.display(),
-            BUILT_IN.map(|(name, _)| name).join(", ")
-        );
-        ensure!(path.exists(), "cannot read suite {}: there is no such file", path.display());
-        let own = path.join("suite.toml");
-        ensure!(
-            !own.is_file(),
-            "{} is the folder of a suite: `orchestrator suite {} --out {}` goes on with it",
-            path.display(),
-            quoted(&own),
-            quoted(path)
-        );
-        ensure!(!path.is_dir(), "{} is a folder: name the file of a suite in it", path.display());
-        bounded::read_text(path).with_context(|| format!("cannot read suite {}", path.display()))
     }
 
     pub fn parse(text: &str) -> Result<Self> {
@@ -208,6 +171,29 @@ impl Suite {
                 without_stage_one(&entry.config, |stage| format!("`from = \"{stage}\"`, a run further up"))
             })
             .collect()
+    }
+
+    /// What tells the runs apart beside preset and seed, a line for each kind of them: the keys of the file that not all have
+    /// alike, unless a grid's name says them.
+    pub fn apart(&self) -> Vec<String> {
+        let keys = |entry: &SuiteEntry| toml::from_str::<Table>(&entry.overrides).unwrap_or_default();
+        let settings = |keys: Table| -> BTreeSet<String> {
+            let (paths, keys) = (leaves(&keys), Value::Table(keys));
+            let value = |path: &str| path.split('.').try_fold(&keys, |value, key| value.get(key));
+            paths.iter().filter_map(|(path, _)| Some(format!("{path} = {}", value(path)?))).collect()
+        };
+        let all: Vec<BTreeSet<String>> = self.entries.iter().map(keys).map(settings).collect();
+        let line = |(entry, own): (&SuiteEntry, &BTreeSet<String>)| {
+            let kind = entry.name.strip_suffix(&format!("-{}", entry.seed))?;
+            let is_said =
+                |setting: &str| kind.contains(&setting.rsplit('.').next().unwrap_or(setting).replace(" = ", "="));
+            let is_own = |setting: &&String| !all.iter().all(|other| other.contains(*setting)) && !is_said(setting);
+            let apart: Vec<&str> = own.iter().filter(is_own).map(String::as_str).collect();
+            (!apart.is_empty()).then(|| format!("{kind}: {}", apart.join(", ")))
+        };
+        let mut lines: Vec<String> = self.entries.iter().zip(&all).filter_map(line).collect();
+        lines.dedup();
+        lines
     }
 
     /// Leaves out what is in a table already.
@@ -514,6 +500,16 @@ mod tests {
                 "second-epochs=7-2",
                 "second-epochs=8-1",
                 "second-epochs=8-2",
+            ]
+        );
+        // The names say the rest.
+        assert_eq!(
+            suite.apart(),
+            [
+                "first-clip=0.1-learning_rate=0.0003: ppo.epochs = 3",
+                "first-clip=0.1-learning_rate=0.001: ppo.epochs = 3",
+                "second-epochs=7: ppo.clip = 0.3",
+                "second-epochs=8: ppo.clip = 0.3"
             ]
         );
         let third = &suite.entries[2];

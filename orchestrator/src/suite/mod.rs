@@ -2,6 +2,7 @@
 //! folders, as many at once as there are GPUs to give them ([`scheduler`]). It can be killed at any time: its processes
 //! end with it, and the next call continues from what is in the run folders.
 
+mod by_name;
 mod figures;
 mod file;
 mod folder;
@@ -13,7 +14,8 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub use file::{Asked, BUILT_IN, Suite, SuiteEntry};
+pub use by_name::BUILT_IN;
+pub use file::{Asked, Suite, SuiteEntry};
 pub use folder::{SuiteFolder, is_suite, refuse};
 pub use scheduler::{SuiteOutcome, run, standings};
 pub use standing::{At, Standing, begun};

@@ -84,11 +84,19 @@ impl Standing {
         format!("suite {}: {}", self.name, self.counts())
     }
 
+    fn suite(&self) -> Option<Suite> {
+        let file = SuiteFolder::new(self.folder.root()).file();
+        Suite::parse(&self.folder.read_text(&file).ok()?).ok()
+    }
+
+    /// As [`Suite::apart`]; of a file that cannot be read nothing.
+    pub fn apart(&self) -> Vec<String> {
+        self.suite().map_or_else(Vec::new, |suite| suite.apart())
+    }
+
     /// Names and states of all runs in the order of the suite's file; of a file that cannot be read in that of names.
     fn in_order(&self) -> Vec<(&String, &Status)> {
-        let file = SuiteFolder::new(self.folder.root()).file();
-        let text = self.folder.read_text(&file).unwrap_or_default();
-        let order = Suite::parse(&text).map_or_else(|_| Vec::new(), |suite| suite.entries);
+        let order = self.suite().map_or_else(Vec::new, |suite| suite.entries);
         let mut runs: Vec<_> = self.runs.iter().map(|(name, run)| (name, &run.status)).collect();
         runs.sort_by_key(|(name, _)| order.iter().position(|entry| entry.name == **name));
         runs

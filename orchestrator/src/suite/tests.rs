@@ -1,6 +1,7 @@
 //! The suites of this repository.
 
-use super::file::{Asked, BUILT_IN, Suite, SuiteEntry};
+use super::by_name::BUILT_IN;
+use super::file::{Asked, Suite, SuiteEntry};
 use proto::config::{Config, PpoConfig};
 use report::paper::{AblationRow, ActionSpaceRow, ResultRow};
 use std::path::Path;
@@ -17,11 +18,25 @@ fn every_suite_of_the_repository_is_taken_by_its_name() {
     assert_eq!(names, BUILT_IN.map(|(name, _)| name));
     let (suite, text) = Suite::read(Path::new("two-seeds"), &[]).unwrap();
     assert_eq!((suite.entries[0].name.as_str(), text.as_str()), ("disturb-1", built_in("two-seeds")));
-    let unknown = Suite::read(Path::new("papr"), &[]).unwrap_err().to_string();
-    assert!(
-        unknown.contains("no built-in suite (ablations, kitchens, paper, recipe, seeds, short, two-seeds)"),
-        "{unknown}"
-    );
+    assert_eq!(suite.apart(), ["none: auxiliary.task = \"none\""]);
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("lambdas.toml"), "").unwrap();
+    let meant = format!("; did you mean `{}`?", at("lambdas.toml").display());
+    for (name, tip) in [
+        ("papr".into(), "; did you mean `paper`?"),
+        (at("paper.toml"), "; did you mean `paper`?"),
+        (at("lambda.toml"), &meant),
+        ("demo".into(), "; `orchestrator up --preset demo` trains a preset"),
+        ("demmo".into(), "; `orchestrator up --preset demo` trains a preset"),
+        ("short-two-stage".into(), "; `orchestrator up --preset short-two-stage` trains a preset"),
+        (at("qqq"), "shows one)"),
+    ] {
+        let unknown = Suite::read(&name, &[]).unwrap_err().to_string();
+        let known =
+            "no built-in suite (ablations, kitchens, paper, recipe, seeds, short, two-seeds): a suite is a TOML file";
+        assert!(unknown.contains(known) && unknown.ends_with(tip), "{unknown}");
+    }
 }
 
 /// The suites in the repository are sound, and together they are every row of the paper's tables.

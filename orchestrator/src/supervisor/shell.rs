@@ -117,6 +117,8 @@ pub trait Audience {
     fn learner(&mut self, now: Duration, event: &LearnerEvent) -> Result<()>;
     fn learner_died(&mut self, now: Duration);
     fn tick(&mut self, now: Duration, recorder: Option<&Recorder>);
+    /// Somebody has asked for the end.
+    fn stop_asked(&mut self) {}
     /// Whether the audience still has work when all processes have finished; it gets ticks meanwhile. A stop request
     /// ends the wait: the run then counts as stopped, and `resume` does the missing work.
     fn is_busy(&self) -> bool {
@@ -367,7 +369,10 @@ impl<A: Audience> Supervision<'_, A> {
                 self.audience.tick(now, recorder);
                 self.look_for_scale();
             }
-            Event::Stop | Event::Interrupt => self.asked_to_stop = true,
+            Event::Stop | Event::Interrupt => {
+                self.asked_to_stop = true;
+                self.audience.stop_asked();
+            }
             Event::Learner { .. } | Event::CannotWrite(_) | Event::HostLost { .. } | Event::Scale { .. } => {}
         }
     }

@@ -111,6 +111,10 @@ impl Audience for TrainingAudience {
         self.progress.show(now, self.before.as_ref().unwrap_or(&self.journal.history), self.is_busy());
     }
 
+    fn stop_asked(&mut self) {
+        self.progress.stop_asked();
+    }
+
     fn is_busy(&self) -> bool {
         self.validation.as_ref().is_some_and(Validation::is_busy)
     }

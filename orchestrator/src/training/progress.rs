@@ -44,6 +44,7 @@ pub struct Progress {
     doing: Doing,
     /// Whether a rollout was trained since the learner began.
     trains: bool,
+    is_stopped: bool,
     since: Duration,
     waiting: Option<Waiting>,
     live: Live,
@@ -53,7 +54,17 @@ impl Progress {
     pub fn new(config: &Config) -> Self {
         let (doing, since, waiting) = (Doing::Starting, Duration::ZERO, None);
         let (metrics, stages, overlap) = (config.spec().shown(), config.stages.clone(), config.ppo.overlap);
-        Self { metrics, stages, overlap, doing, trains: false, since, waiting, live: Live::default() }
+        Self {
+            metrics,
+            stages,
+            overlap,
+            doing,
+            trains: false,
+            is_stopped: false,
+            since,
+            waiting,
+            live: Live::default(),
+        }
     }
 
     pub fn learner(&mut self, now: Duration, event: &LearnerEvent) {
@@ -96,6 +107,10 @@ impl Progress {
         }
     }
 
+    pub fn stop_asked(&mut self) {
+        self.is_stopped = true;
+    }
+
     /// Shows the progress of the run, if it is time to. `validating`: whether a checkpoint is being validated or waits
     /// for it.
     pub fn show(&mut self, now: Duration, history: &History, validating: bool) {
@@ -106,7 +121,7 @@ impl Progress {
     }
 
     fn line(&self, now: Duration, history: &History, validating: bool, columns: Option<usize>) -> String {
-        let recent = recent(&self.stages, history, !self.trains);
+        let recent = recent(&self.stages, history, !self.trains || self.is_stopped);
         let doing = self.doing(now, validating);
         if let Some(columns) = columns {
             return short_line(&self.metrics, &self.stages, &recent, &doing, self.is_usual(now), columns);
@@ -312,6 +327,10 @@ mod tests {
         progress.learner(seconds(2), &trained(22, 1150));
         let trains = lines(&progress);
         assert!(trains.contains("25.0 frames/s now") && trains.matches(" left").count() == 2, "{trains}");
+        let mut stopped = Progress::new(&config(false));
+        stopped.learner(seconds(2), &trained(22, 1150));
+        stopped.stop_asked();
+        assert!(is_idle(&lines(&stopped)), "{}", lines(&stopped));
         progress.learner_died(seconds(3));
         assert!(is_idle(&lines(&progress)), "{}", lines(&progress));
     }

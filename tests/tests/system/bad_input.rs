@@ -71,7 +71,7 @@ const TYPED: &[(&str, &str)] = &[
     ("up --seed -1", "a seed is a whole number from 0 to"),
     ("up --env-command true", "serves no environments"),
     ("suite demo", "a suite is a TOML file"),
-    ("suite papr --check", "papr is no file, and no built-in suite (ablations, "),
+    ("suite papr --check", "; did you mean `paper`?"),
     ("up --preset ppo", "there is no preset `ppo`;"),
     ("up demo", "`--preset demo`"),
     ("resume a", "did you mean runs/a?"),
@@ -115,7 +115,7 @@ const TYPED: &[(&str, &str)] = &[
     ("kitchens --scene bare", "bare: is a folder: name the scene's file in it"),
     ("up --config demo", "there is no such file; `--preset demo` takes the preset"),
     ("config nowhere.toml", "there is no preset `nowhere.toml`: a file is given as `--config nowhere.toml`"),
-    ("suite nowhere.toml", "cannot read suite nowhere.toml: there is no such file"),
+    ("suite nowhere.toml", "nowhere.toml is no file, and no built-in suite (ablations, "),
     ("suite broken.toml", "broken.toml: line 1, `ppo.clip =`: the value after `=` is missing"),
     ("suite policy.json", "policy.json: it must be TOML: line 1, "),
     ("status runs", "runs is not a run folder: it holds runs, which `orchestrator list runs` shows"),
@@ -140,7 +140,6 @@ const TYPED: &[(&str, &str)] = &[
     ("logs nowhere", "nowhere does not exist"),
     ("top nowhere", "nowhere does not exist"),
     ("export nowhere --out p.onnx", "nowhere does not exist"),
-    ("man ups", "(did you mean `up`?)"),
     ("up --env-command true --env-declaration mine.toml", "mine.toml:1: missing key `doc`"),
     ("up --env-command true --env-declaration nowhere.toml", "cannot read nowhere.toml"),
     ("up --preset gym", "needs `--env gymnasium:ID`, or a task of your own"),
@@ -238,10 +237,6 @@ fn what_a_newcomer_types() {
     }
     let presets = workshop.call(&["presets"]).good().stdout;
     assert!(presets.starts_with("To begin with, on a CPU\n  demo "), "{presets}");
-    assert!(workshop.call(&["man", "up"]).success && !workshop.path("up").exists());
-    assert!(workshop.call(&["man", "orchestrator-up"]).success);
-    let mistyped = workshop.call(&["man", "ups"]);
-    assert!(mistyped.stderr.contains("(did you mean `up`?)") && !workshop.path("ups").exists());
     std::fs::create_dir(workshop.path("empty")).unwrap();
     let list = workshop.call(&["list", "empty"]);
     assert!(list.success && list.stderr.contains("no run yet: `orchestrator up` starts one"), "{list:#?}");
@@ -293,7 +288,7 @@ fn a_result_that_cannot_be_written_is_a_failure() {
 #[test]
 fn a_terminal_that_was_closed_makes_no_command_fail() {
     let workshop = Workshop::new();
-    for command in [&["presets"][..], &["config", "--preset", "demo"], &["completions", "bash"], &["man"]] {
+    for command in [&["presets"][..], &["config", "--preset", "demo"], &["completions", "bash"]] {
         let mut command = workshop.orchestrator(command);
         command.stdout(Terminal::closed());
         let printed = complete(command);
