@@ -175,8 +175,8 @@ fn note_left_out(group: &Group<'_>, field: Field, result: &FieldResult, notes: &
     let others: Vec<String> = group.runs.iter().flat_map(of).collect();
     if !others.is_empty() {
         notes.push(format!(
-            "{}: on {}, a run stands as one evaluation of its newest checkpoint that was evaluated: of the episodes that \
-             all seeds have, else of the most, else the newest. Left out: {}.",
+            "{}: on {}, one evaluation of each run counts: of its newest checkpoint, then with the episodes that all seeds \
+             have, then with most episodes, then the newest. Left out: {}.",
             group.label,
             field.name(),
             others.join("; ")

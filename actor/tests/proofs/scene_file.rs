@@ -385,7 +385,7 @@ fn a_thing_outside_of_the_room_is_named_with_the_rooms_bounds() {
 fn files_that_are_not_there_or_not_sound_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
-    assert!(load(&path).unwrap_err().contains("scene.toml: cannot be read"));
+    assert!(load(&path).unwrap_err().contains("scene.toml: there is no such file"));
     for (text, expected) in [
         ("gltf = 'a.glb'\nnode = []\nmass = 3", "scene.toml: line 3: unknown field `mass`"),
         ("gltf = '../a.glb'\nnode = []", "outside of this file's folder"),

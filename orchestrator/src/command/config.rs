@@ -1,4 +1,5 @@
 use super::overrides::{Overrides, default_preset};
+use super::up::needs_environment;
 use crate::output::terminal;
 use crate::preflight::programs::Tools;
 use crate::run::identity::{Identity, perhaps};
@@ -58,6 +59,9 @@ pub fn run(args: &ConfigArgs) -> Result<()> {
         Some(file) => write(file, &config)?,
         None if args.json => terminal::out(&serde_json::to_string(&config)?),
         None => terminal::out(config.to_toml().trim_end()),
+    }
+    if needs_environment(&config.preset, &config) {
+        terminal::note("with `up --env` the task is the environment's, without kitchens, simulation and encoder");
     }
     Ok(())
 }

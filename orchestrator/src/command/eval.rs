@@ -132,6 +132,11 @@ fn kitchens(text: &str) -> Result<Chosen, String> {
     let wanted = "expected one kitchen's number, as 7, or procedural kitchens, as 5000..5100; several that are built in are \
                   those of a split: --split train, validation or test";
     let number: u32 = text.parse().map_err(|_| wanted)?;
+    if KitchenId::new(number).is_ok_and(|kitchen| kitchen.scene_index().is_some()) {
+        return Err(
+            "it is a scene's number: a run in scenes is evaluated in all of them, without --kitchens".to_owned()
+        );
+    }
     let kitchen = KitchenId::generated(number).map_err(|error| error.to_string())?;
     if kitchen.is_procedural() {
         format!("{number}..{}", number + 1).parse().map(Chosen::Procedural)

@@ -170,9 +170,15 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         show(&folder);
     }
     let is_demonstration = !asked && config.preset == "demo";
-    let ended = TrainingRun { folder: folder.clone(), config, identity, lock, tools, started }.run()?;
-    if is_demonstration && Summary::read(&folder)?.is_some() {
+    let training = TrainingRun { folder: folder.clone(), config: config.clone(), identity, lock, tools, started };
+    let ended = training.run()?;
+    if is_demonstration && let Some(summary) = Summary::read(&folder)? {
         evaluate(&folder);
+        // The test's table has moved them out of sight.
+        let recorded = !summary.recordings.is_empty();
+        for line in next_steps::complete(&next_steps::program(), &folder, &config, recorded) {
+            terminal::note(&line);
+        }
     }
     Ok(ended)
 }

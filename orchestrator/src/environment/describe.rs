@@ -119,10 +119,11 @@ fn whole(stream: Option<impl Read>) -> std::io::Result<Vec<u8>> {
 
 fn refusal(command: &[String], errors: &str, how: &str) -> String {
     let program = command.first().map_or("", String::as_str);
-    if errors.contains("No module named stillroom") {
+    // In sources without `make python` its compiled part is missing.
+    if ["stillroom", "'stillroom._stillroom'"].iter().any(|name| errors.contains(&format!("No module named {name}"))) {
         return format!(
             "{program} has no package `stillroom`: install its wheel there (docs/your-simulator.md), or name another \
-             interpreter with --python"
+             interpreter with --python; in a checkout `make python` makes `--python .venv/bin/python`"
         );
     }
     match errors.lines().rev().find_map(|line| line.strip_prefix(ERROR)) {
@@ -203,6 +204,7 @@ mod tests {
             ("echo nonsense; echo noise >&2", "what is no description; it says: noise"),
             ("echo trace >&2; echo 'stillroom: error: it has no step' >&2; exit 2", "it has no step"),
             ("echo 'python3: No module named stillroom' >&2; exit 1", "has no package `stillroom`"),
+            ("echo \"Error: No module named 'stillroom._stillroom'\" >&2; exit 1", "has no package `stillroom`"),
             ("kill -SEGV $$", "its last message: nothing"),
             ("exit 3", "ended with exit status: 3 without a message: does its reset() or step() call os._exit?"),
             (

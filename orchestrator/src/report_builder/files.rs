@@ -192,15 +192,16 @@ enum Made {
 
 impl Made {
     fn text(self, over: &BTreeSet<u64>) -> String {
-        let of = if self == Self::OverSeeds { "seeds" } else { "episodes" };
-        let counts = over.iter().map(|&count| format::count(count)).collect::<Vec<_>>().join(" or ");
+        let of = if self == Self::OverSeeds { "seed" } else { "episode" };
+        let most = over.last().map(|&most| format::counted(most, of)).unwrap_or_default();
+        let least = over.first().filter(|_| over.len() > 1).map(|&least| format::count(least));
+        let between = if over.len() > 2 { "to" } else { "or" };
+        let counts = least.map_or_else(|| most.clone(), |least| format!("{least} {between} {most}"));
         match self {
-            Self::OverSeeds if over.contains(&2) => {
-                format!("bootstrap over {counts} {of}, too narrow where there are two")
-            }
-            Self::OverSeeds => format!("bootstrap over {counts} {of}"),
-            Self::OfShare => format!("Wilson's over {counts} {of} alone"),
-            Self::OfMean => format!("bootstrap over {counts} {of} alone"),
+            Self::OverSeeds if over.contains(&2) => format!("bootstrap over {counts}, too narrow where there are two"),
+            Self::OverSeeds => format!("bootstrap over {counts}"),
+            Self::OfShare => format!("Wilson's over {counts} alone"),
+            Self::OfMean => format!("bootstrap over {counts} alone"),
         }
     }
 }
@@ -282,6 +283,8 @@ mod tests {
         let over = |seeds: &[u64]| Made::OverSeeds.text(&seeds.iter().copied().collect());
         assert_eq!(over(&[2]), "bootstrap over 2 seeds, too narrow where there are two");
         assert_eq!(over(&[5, 3]), "bootstrap over 3 or 5 seeds");
+        assert_eq!(Made::OfMean.text(&[1].into()), "bootstrap over 1 episode alone");
+        assert_eq!(Made::OfShare.text(&[360, 5, 30].into()), "Wilson's over 5 to 360 episodes alone");
         let mut begun = report.groups[0].runs.clone();
         begun[0].state = Origin::Run(RunState::CutOff);
         assert_eq!(unfinished(begun[..1].iter()), " (cut off at 0 of 420,000 frames)");

@@ -161,7 +161,8 @@ fn ask_within(program: &Path, scene: &Path, further: &[&OsStr], patience: Durati
         let complaint = error_in(said).filter(|error| !error.is_empty()).unwrap_or(said);
         let complaint = complaint.strip_prefix("error: ").unwrap_or(complaint);
         let complaint = if complaint.is_empty() { status.to_string() } else { complaint.to_owned() };
-        bail!("scene {} cannot be used: {complaint}", scene.display());
+        let named = format!("{}: ", scene.display());
+        bail!("scene {} cannot be used: {}", scene.display(), complaint.strip_prefix(&named).unwrap_or(&complaint));
     }
     if !said.is_empty() {
         terminal::note(said);
@@ -202,7 +203,7 @@ mod tests {
         assert_eq!(found(&[]), None);
         assert_eq!(found(&["good/a.toml"]), Some(Finding::Good("1 scene: good/a.toml".into())));
         let Some(Finding::Problem(text)) = found(&["bad.toml", "good/a.toml", "worse.toml"]) else { panic!("two") };
-        let one = |name: &str| format!("scene {name} cannot be used: {name}: line 1: unknown field");
+        let one = |name: &str| format!("scene {name} cannot be used: line 1: unknown field");
         assert_eq!(text, format!("{}; {}", one("bad.toml"), one("worse.toml")));
     }
 }

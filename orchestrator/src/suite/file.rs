@@ -368,7 +368,11 @@ fn distinct(entries: &[SuiteEntry]) -> Result<()> {
             bail!("two runs are called {}: give one of them another `name`, or other seeds", entry.name);
         }
         if let Some(same) = runs[..index].iter().position(|before| *before == runs[index]) {
-            bail!("{} and {} are the same run", entries[same].name, entry.name);
+            bail!(
+                "{} and {} are the same run, with the same settings and seed: leave one of them out",
+                entries[same].name,
+                entry.name
+            );
         }
     }
     Ok(())

@@ -239,7 +239,10 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let left_out: Vec<&str> = live.card.metrics[metrics.len()..].iter().map(|metric| metric.label.as_str()).collect();
     let mut block = Block::bordered().title(title);
     if !left_out.is_empty() {
-        block = block.title_bottom(format!(" no room: {} ", left_out.join(", ")));
+        let named = format!(" no room: {} ", left_out.join(", "));
+        let corners = 2;
+        let is_whole = named.chars().count() + corners <= usize::from(area.width);
+        block = block.title_bottom(if is_whole { named } else { format!(" no room: {} columns ", left_out.len()) });
     }
     frame.render_widget(table.block(block), area);
 }

@@ -234,6 +234,7 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     let small = screen(&model, 80, 24).join("\n");
     let known = counts(&small);
     assert!(known > 4 && small.contains(&format!("…{} more", 19 - known)), "{small}");
+    assert!(small.contains("└ no room: 2 columns ─"), "{small}");
     press(&mut model, KeyCode::End);
     assert!(screen(&model, 80, 24).join("\n").contains(" 119 "));
     press(&mut model, KeyCode::Char('w'));

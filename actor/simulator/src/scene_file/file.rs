@@ -111,6 +111,9 @@ impl SceneFile {
         if path.is_dir() {
             return Err(vec![Problem::Folder]);
         }
+        if !path.exists() {
+            return Err(vec![Problem::Missing]);
+        }
         let text = bounded::read_text(path).map_err(|cause| vec![Problem::Unreadable { cause: cause.to_string() }])?;
         let mut file = parse(&text)?;
         // As the names of the nodes are.

@@ -49,6 +49,8 @@ impl std::error::Error for SceneError {}
 
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
+    #[error("there is no such file")]
+    Missing,
     #[error("cannot be read: {cause}")]
     Unreadable { cause: String },
     #[error(

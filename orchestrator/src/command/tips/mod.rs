@@ -121,6 +121,12 @@ fn command_of(usage: &str) -> &str {
     usage.split_whitespace().nth(2).unwrap_or_default()
 }
 
+/// Whether an option is a setting of `up`, by its name here or in another program.
+fn is_setting(option: &str) -> bool {
+    let is_ours = ["--preset", "--config", "--set", "--seed"].contains(&option);
+    is_ours || option.starts_with("--") && ours("up", option).is_some_and(|tip| tip.contains("`--set "))
+}
+
 /// What was probably meant by an argument that a command does not have.
 fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[String]) -> Option<String> {
     match word {
@@ -162,7 +168,7 @@ fn unknown_argument(word: &str, command: &str, line: &clap::Command, words: &[St
         word if command == "up" && !word.starts_with('-') => {
             Some("a preset is given as `--preset NAME`; `orchestrator presets` lists them".to_owned())
         }
-        "--preset" | "--config" | "--set" | "--seed" if command == "resume" => Some(
+        word if command == "resume" && is_setting(word) => Some(
             "a run keeps its settings, but for --frames, --actors and --learners, and what is edited in its config.toml; \
              `orchestrator up --from RUN` begins another run with its weights"
                 .to_owned(),
@@ -183,6 +189,7 @@ pub fn told(error: &anyhow::Error) -> String {
 /// A text without the likest of our own names, where another program's name means something else.
 fn without_guess(text: &str, tip: &str) -> String {
     let ours = tip.split_once("here it is `").and_then(|(_, ours)| ours.trim_start_matches("--set ").split('=').next());
+    let ours = ours.map(str::trim_end);
     let parts = text.split_once(" (did you mean ").and_then(|(before, rest)| Some((before, rest.split_once(')')?)));
     match (ours, parts) {
         (Some(ours), Some((before, (guess, after)))) if !guess.contains(ours) => format!("{before}{after}"),
@@ -206,6 +213,15 @@ fn of_preset(name: &str) -> Option<String> {
     }
 }
 
+/// A tip for a command line as a line of TOML: `--set 'key=value'` is `key = value`.
+fn in_a_file(tip: &str) -> String {
+    let parts = tip.split_once("`--set ").and_then(|(before, rest)| Some((before, rest.split_once('`')?)));
+    parts.map_or_else(
+        || tip.to_owned(),
+        |(before, (set, after))| format!("{before}`{}`{after}", set.trim_matches('\'').replacen('=', " = ", 1)),
+    )
+}
+
 /// What is wrong with a key of a configuration that another program has, in a sentence's end; nothing of other errors.
 fn of_key(error: &anyhow::Error) -> String {
     let of_file = wrong::causes(error).find_map(|cause| match cause.downcast_ref::<ConfigError>()? {
@@ -226,12 +242,12 @@ fn of_key(error: &anyhow::Error) -> String {
         match (cause.downcast_ref::<ConfigError>(), cause.downcast_ref::<SettingError>()) {
             (Some(ConfigError::UnknownKey { key, nearest, .. }), _)
             | (_, Some(SettingError::UnknownKey { key, nearest })) => {
-                ours("up", key).or_else(|| nearest.is_none().then(|| ALL_KEYS.to_owned()))
+                ours("up", key).map(|tip| in_a_file(&tip)).or_else(|| nearest.is_none().then(|| ALL_KEYS.to_owned()))
             }
             _ => None,
         }
     });
-    unknown.map_or_else(String::new, |said| format!("; {}", said.replace("`--set ", "`")))
+    unknown.map_or_else(String::new, |said| format!("; {said}"))
 }
 
 /// What an error of a command line says in this place.
@@ -424,6 +440,7 @@ mod tests {
                 "tip: here it is `--frames N`: N = iterations × `ppo.rollout_steps` ×",
             ),
             (&["resume", "a", "--max_iterations", "9"], "tip: here it is `--frames N`: N = iterations ×"),
+            (&["resume", "a", "--lr", "1e-3"], "tip: a run keeps its settings"),
             (&["up", "--gpus", "0"], "tip: here it is `--learners N`, one a GPU; CUDA_VISIBLE_DEVICES chooses which"),
             (
                 &["up", "habitat_baselines.num_environments=4"],
@@ -497,11 +514,14 @@ mod tests {
         let file = folder.path().join("mine.toml");
         std::fs::write(&file, "[ppo]\nlr = 1e-3\n").unwrap();
         let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
-        let ours = "; here it is `ppo.learning_rate=RATE`";
+        let ours = "; here it is `ppo.learning_rate = RATE`";
         assert_eq!(super::of_key(&error.into()), ours);
+        std::fs::write(&file, "scene = [\"a.toml\"]\n").unwrap();
+        let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
+        assert_eq!(super::of_key(&error.into()), "; here it is `scenes = [\"FILE.toml\"]`");
         std::fs::write(&file, "[ppo]\nclip_range = 0.1\n").unwrap();
         let error = super::Config::resolve_set("demo", Some(&file), &[]).unwrap_err();
-        assert!(super::told(&error.into()).ends_with("unknown key `clip_range`; here it is `ppo.clip=CLIP`"));
+        assert!(super::told(&error.into()).ends_with("unknown key `clip_range`; here it is `ppo.clip = CLIP`"));
         let error = super::Config::resolve_set("demo", Some("demo".as_ref()), &[]).unwrap_err();
         assert_eq!(error.to_string(), "cannot read configuration demo: there is no such file");
         assert_eq!(super::of_key(&error.into()), "; `--preset demo` takes the preset");
