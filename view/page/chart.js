@@ -32,8 +32,8 @@ const FONT = "system-ui, sans-serif";
 export class Chart {
   /** `share`: values are 0 to 1; `zero`: their axis begins at 0; `origin`: that of x does; `format`: of a value; `log`: of x; `rows`: names in the
    * place of a y axis; `zoomed`: the part of the x axis that is seen at first; `signal`: when the chart is no longer needed. */
-  constructor(title, { share = false, zero = share, origin = false, format = share ? percent : short, log = false, xLabel = "frames", xFormat = short, rows = null, height = 190, sync, zoomed, signal } = {}) {
-    Object.assign(this, { title, share, zero, origin, format, log, xLabel, xFormat, rows, height, sync, zoomed, content: { series: [] }, lines: [], data: [[]] });
+  constructor(title, { share = false, zero = share, origin = false, format = share ? percent : short, log = false, xLabel = "frames", xFormat = short, isCounted = false, rows = null, height = 190, sync, zoomed, signal } = {}) {
+    Object.assign(this, { title, share, zero, origin, format, log, xLabel, xFormat, isCounted, rows, height, sync, zoomed, content: { series: [] }, lines: [], data: [[]] });
     this.readout = h("output", {});
     this.frame = h("div", { class: "chart", tabIndex: 0, role: "img", style: { height: `${height}px` }, onkeydown: (event) => this.key(event), onblur: () => this.plot?.setCursor({ left: -10, top: -10 }, true, true) });
     const button = (name, save) => h("button", { class: "save", "aria-label": `Save “${title}” as ${name}`, title: `Save “${title}” as ${name}`, onclick: save }, name);
@@ -122,7 +122,7 @@ export class Chart {
         y: this.rows ? { dir: -1, range: () => [-0.5, this.rows.length - 0.5] } : { range: (plot, low, high) => this.reach(low, high) },
       },
       axes: [
-        { ...axis, size: 20 * scale, space: 65 * scale, label: this.xLabel, labelSize: 15 * scale, labelGap: 0, values: (plot, splits) => (this.xFormat === short ? ticks(splits) : splits.map((value) => (value === null ? null : this.xFormat(value)))) },
+        { ...axis, size: 20 * scale, space: 65 * scale, label: this.xLabel, labelSize: 15 * scale, labelGap: 0, ...(this.isCounted ? { incrs: [1, 2, 5, 10, 20, 50, 100] } : {}), values: (plot, splits) => (this.xFormat === short ? ticks(splits) : splits.map((value) => (value === null ? null : this.xFormat(value)))) },
         this.rows
           ? { ...axis, size: room, grid: { show: false }, splits: () => this.rows.map((name, at) => at), values: () => this.rows.map(cut) }
           : { ...axis, size: room, space: 32 * scale, values: (plot, splits) => (this.share ? splits.map(shareText) : ticks(splits)) },

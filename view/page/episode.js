@@ -247,7 +247,7 @@ export async function showCompare(root, runs, query, signal) {
     h("p", { class: "notice", id: "difference" }, difference(stages)),
     h("div", { class: "twins" }, stages.map((stage, at) => h("section", { class: "card stack", "aria-label": stage.run },
       h("div", {},
-        h("div", { class: "row between ends" }, h("span", {}, h("strong", { style: { color: `var(--run-${at})` } }, stage.name === stage.run ? "●" : stage.name), " ", h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run)), h("span", { class: stage.kind() }, outcome(stage.episode.outcome))),
+        h("div", { class: "row between ends" }, h("span", {}, h("strong", { style: { color: `var(--run-${at})` } }, stage.name === stage.run ? "●" : stage.name), " ", h("a", { href: `#/run/${encodeURIComponent(stage.run)}/episode/${stage.key}` }, stage.run)), h("span", { class: stage.kind() }, outcome(stage.episode.outcome, stage.episode.task.successes))),
         h("div", { class: "small soft" }, policy(stage.run)), stage.problem),
       stage.orbit.element, stage.words))),
     player.element, h("div", { class: "across" }, explained(stages[0].episode)),

@@ -27,7 +27,7 @@ export function deeds(stage, step) {
 /** What the marks stand for, up to the right end of a line; gives where that begins. */
 function legend(pen, { target }, right, line) {
   let left = right;
-  for (const [kind, text] of [["displaced", "displaced"], ["goal", "goal"], ...(target ? [["target", "target"]] : [])]) {
+  for (const [kind, text] of [["displaced", "displaced"], ["goal", "goal"], ...(target ? [["holds", "holding"], ["target", "target"]] : [])]) {
     left -= pen.measureText(text).width;
     pen.fillText(text, left, line);
     left -= 15;
@@ -138,8 +138,11 @@ export async function film(stages, last, kind, speed, signal, told) {
       tell();
       await camera.take(Math.max(0, seconds - (performance.now() - began) / 1000));
     }
-    // The end is looked at for a second longer.
-    for (let held = 0; held < 1; held += seconds) await camera.take(seconds);
+    // The end is looked at for a second longer. A browser takes no picture of a canvas that was not painted.
+    for (let held = 0; held < 1; held += seconds) {
+      pen.drawImage(canvas, 0, 0, 1, 1, 0, 0, 1, 1);
+      await camera.take(seconds);
+    }
     return await camera.finish();
   } catch (error) {
     camera.drop();

@@ -92,6 +92,7 @@ export async function showList(root, query, signal) {
   const hint = h("span", { class: "soft small" }, "choose two to compare them");
   /** Why two have no episode in common, if so. */
   const apart = ([one, other]) => (one?.elsewhere || other?.elsewhere ? "only episodes in kitchens are drawn"
+    : Boolean(one?.evaluation) !== Boolean(other?.evaluation) ? "a run and an evaluation have no episode in common"
     : JSON.stringify(one?.metrics) !== JSON.stringify(other?.metrics) ? "their tasks differ: they have no episode in common" : "");
   const filter = h("input", { type: "text", placeholder: "filter", "aria-label": "Only runs with this text", value: asked.filter, oninput: () => { asked.filter = filter.value; sort(); } });
   const matches = (card) => [named(card), card.folder, about(card), card.state].join(" ").toLowerCase().includes(asked.filter.toLowerCase());

@@ -68,7 +68,8 @@ class SceneRenderer {
       const [plays, terms] = card.conditions.split(": ");
       const isAsked = this.policy.includes(plays.split(" (")[0]);
       replace(this.plays, isAsked ? this.policy : plays.split(", ")[0]);
-      this.terms.textContent = [...plays.split(", ").slice(1), terms].filter(Boolean).join(", ");
+      const said = [...plays.split(", ").slice(1), terms].filter(Boolean).join(", ");
+      this.terms.textContent = said && `· ${said}`;
     }
     return this.chosen !== null;
   }

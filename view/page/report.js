@@ -357,7 +357,8 @@ class Page {
         return { x: points.map(({ at }) => at), y: points.map(({ mean }) => mean), ...(points.some(({ interval }) => interval) ? { low: all(({ low }) => low), high: all(({ high }) => high) } : {}) };
       };
       const log = found.every(({ result }) => result.curves[name].every(({ at }) => at > 0));
-      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, xLabel: `threshold${/ \(\w+\)$/.exec(label)?.[0] ?? ""}` }); Object.assign(made.content, { placed: true, marks: Object.entries(marks).map(([word, x]) => ({ x, label: word })) }); return made; };
+      const isCounted = found.every(({ result }) => result.curves[name].every(({ at }) => Number.isInteger(at)));
+      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, isCounted, xLabel: `threshold${/ \(\w+\)$/.exec(label)?.[0] ?? ""}` }); Object.assign(made.content, { placed: true, marks: Object.entries(marks).map(([word, x]) => ({ x, label: word })) }); return made; };
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;

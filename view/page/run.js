@@ -330,7 +330,9 @@ export function overview(cards, isBeside = false) {
 
 /** Several runs: what they have come to, a line each, and their curves over each other. */
 export async function showTogether(root, runs, signal) {
-  const columns = runs.map((run) => new Columns(run));
+  // An evaluation has no curve.
+  const trained = (await json("/api/runs", { signal })).filter(({ evaluation }) => !evaluation).map(({ id }) => id);
+  const columns = runs.filter((run) => trained.includes(run)).map((run) => new Columns(run));
   const curves = new Curves(columns, { signal });
   const table = h("section", { class: "card" });
   const notes = h("div", {});
@@ -340,6 +342,10 @@ export async function showTogether(root, runs, signal) {
       const cards = await json("/api/runs", { signal });
       const own = runs.map((run) => cards.find(({ id }) => id === run)).filter((card) => card && !card.problem);
       replace(table, overview(own));
+      for (const one of columns) {
+        const figures = own.find(({ id }) => id === one.run)?.figures ?? {};
+        one.newest = Object.fromEntries(Object.entries(figures).map(([name, value]) => [name, [value, "newest tenth"]]));
+      }
       if ((await Promise.all(columns.map((one) => one.grow(signal)))).some(Boolean)) curves.draw();
       replace(notes);
     } catch (error) {
