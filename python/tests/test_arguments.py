@@ -62,7 +62,7 @@ def said(name: str, call: Callable[[], object]) -> None:
         text = str(error)
         assert not any(bare in text for bare in BARE), f"{name}: {text}"
         # A file that is not there is named itself.
-        assert name.strip() in text or "cannot be read: " in text, f"{name}: {text}"
+        assert name.strip() in text or "there is no such file" in text, f"{name}: {text}"
         assert len(text) < 400 and "\n" not in text, f"{name}: {text}"
 
 

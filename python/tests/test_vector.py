@@ -180,7 +180,7 @@ def test_what_is_wrong_is_said(kitchens: dict) -> None:
         ({"kitchens": "kitchens"}, 'none of "train", "validation", "test"'),
         ({"kitchens": []}, "at least one kitchen"),
         ({"kitchens": [1], "scenes": "a.toml"}, "either kitchens or scenes"),
-        ({"scenes": "a.toml"}, r"a\.toml: cannot be read"),
+        ({"scenes": "a.toml"}, r"a\.toml: there is no such file"),
         ({"threads": -1}, "threads is -1, not 1 to"),
         ({"threads": 0}, "threads is 0, not 1 to"),
     ]:

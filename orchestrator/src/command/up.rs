@@ -173,12 +173,7 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
     let training = TrainingRun { folder: folder.clone(), config: config.clone(), identity, lock, tools, started };
     let ended = training.run()?;
     if is_demonstration && let Some(summary) = Summary::read(&folder)? {
-        evaluate(&folder);
-        // The test's table has moved them out of sight.
-        let recorded = !summary.recordings.is_empty();
-        for line in next_steps::complete(&next_steps::program(), &folder, &config, recorded) {
-            terminal::note(&line);
-        }
+        evaluate(&folder, &config, !summary.recordings.is_empty());
     }
     Ok(ended)
 }
@@ -226,16 +221,20 @@ fn show(folder: &RunFolder) {
 /// Episodes of each test kitchen that end the demonstration: each category once.
 const TESTED: &str = "6";
 
-/// Ends the demonstration with a short test, so that its page and its report have results.
-fn evaluate(folder: &RunFolder) {
+/// Ends the demonstration with a short test, so that its page and its report have results. Its table moves what is done
+/// next out of sight, so that is said again.
+fn evaluate(folder: &RunFolder, config: &Config, recorded: bool) {
     let words = ["eval", "--episodes", TESTED, "--record", "all"];
     let ended = std::env::current_exe().and_then(|program| {
         // Standard output is the run's, down to its last line.
         std::process::Command::new(program).args(words).arg(folder.root()).stdout(std::io::stderr()).status()
     });
+    let program = next_steps::program();
     if !ended.as_ref().is_ok_and(std::process::ExitStatus::success) {
-        let program = next_steps::program();
         terminal::note(&format!("the test was not played to its end: `{program} eval {}`", quoted(folder.root())));
+    }
+    for line in next_steps::complete(&program, folder, config, recorded) {
+        terminal::note(&line);
     }
 }
 
