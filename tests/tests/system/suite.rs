@@ -48,7 +48,8 @@ fn a_finished_suite_is_shown(workshop: &Workshop) {
     assert!(listed.stdout.contains("\ntiny-5 ") && listed.stdout.contains("complete"), "{listed:#?}");
     assert!(listed.stdout.contains("\n  suite-test-novel-6  ") && listed.stdout.contains("all/runs\n"), "{listed:#?}");
     let compared = workshop.call(&["compare", "all", "--json"]).json();
-    assert_eq!(compared["runs"], serde_json::json!(["all/runs/tiny-5", "all/runs/tiny-6", "all/runs/after-5"]));
+    let columns = ["all/runs/tiny-5", "all/runs/tiny-6", "all/runs/after-5", "all/runs/tiny, mean of 2"];
+    assert_eq!(compared["runs"], serde_json::json!(columns));
     assert_eq!(workshop.call(&["stop", "all"]).good().stderr, "all does not run\n");
     for command in ["replay", "eval", "resume", "logs", "play"] {
         let printed = workshop.call(&[command, "all"]);
@@ -93,9 +94,7 @@ fn killed_at_any_time_it_goes_on_and_ends_in_the_report() {
     assert_eq!(state(&workshop)["runs"]["tiny-5"]["status"], "training");
     let standing = workshop.call(&["status", "all"]).good();
     assert!(standing.stdout.starts_with("suite all: 0 of 3 runs complete, 2 waiting, 1 cut off\n"), "{standing:#?}");
-    workshop
-        .call(&["resume", "all"])
-        .refused("all is the folder of a suite: `orchestrator suite all/suite.toml --out all`");
+    workshop.call(&["resume", "all"]).refused("orchestrator suite all/suite.toml --out all` goes on with it");
     first.assert_nothing_left();
     assert!(!first.folder.summary().exists(), "the run was killed in its middle");
 
