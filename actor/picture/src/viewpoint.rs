@@ -82,7 +82,7 @@ pub fn best(model: &Model, points: &[Point], tall: f32) -> Orbit {
             let orbit = around(points, TAU * direction as f32 / DIRECTIONS as f32, pitch_rad, tall);
             let lost = PREFERENCE * rank as f32 + FARTHER * orbit.radius_m;
             let is_better = |score: f32| best.as_ref().is_none_or(|(highest, _)| score > *highest);
-            // What shows everything and nothing beyond the room may not be good enough: drawing takes the time.
+            // Most time is spent on drawing: an angle is not drawn that would lose even with all points seen.
             if !is_better(1.0 - lost) {
                 continue;
             }
