@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import math
 import os
 import runpy
 import subprocess
@@ -97,6 +96,7 @@ RECIPES = {
     ("sb3", "HalfCheetah-v5"): MUJOCO,
     ("sb3", "MiniGrid-MemoryS7-v0"): MEMORY,
     ("cleanrl", "PongNoFrameskip-v4"): ATARI,
+    ("cleanrl", "MetaWorld/Reach-v3"): CONTINUOUS._replace(frames=500_000),
 }
 PEERS = {"cleanrl": "CleanRL", "sb3": "SB3"}
 # Whose these are.
@@ -111,7 +111,11 @@ SYSTEMS = ["sb3", "cleanrl", "stillroom-sb3", "stillroom-cleanrl"]
 
 
 def make_env(task: str) -> gym.Env:
-    """A task as Stable-Baselines3 has it, and Stillroom's actors if Gymnasium alone does not make it."""
+    """A task as the peers have it, and Stillroom's actors if Gymnasium alone does not make it."""
+    if task.startswith("MetaWorld"):
+        from stillroom.pools import PoolEnv
+
+        return PoolEnv(task)
     if not task.startswith("MiniGrid"):
         return gym.make(task)
     from minigrid.wrappers import ImgObsWrapper, OneHotPartialObsWrapper
@@ -125,8 +129,10 @@ def make_env(task: str) -> gym.Env:
 def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
     """CleanRL's file, which is of Gymnasium 0.29, as it is under Gymnasium 1, without its log."""
     rows: Rows = []
+    is_atari = task.endswith("NoFrameskip-v4")
 
-    class Noted(gym.vector.SyncVectorEnv):
+    # A game takes as long as the network: its environments have processes, which give the same numbers.
+    class Noted(gym.vector.AsyncVectorEnv if is_atari else gym.vector.SyncVectorEnv):
         """Resets in the step that ends an episode, as 0.29 did."""
 
         def __init__(self, makers: Any) -> None:
@@ -140,7 +146,7 @@ def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
                 rows.extend((self._frames, float(one), 1) for one in final["episode"]["r"][final["_episode"]])
             return *seen, {}
 
-    if task.endswith("NoFrameskip-v4"):
+    if is_atari:
         import ale_py
         from stable_baselines3.common import atari_wrappers
 
@@ -151,6 +157,8 @@ def run_cleanrl(task: str, seed: int, recipe: Recipe, folder: Path) -> Rows:
         sys.modules["cleanrl_utils"] = sys.modules["cleanrl_utils.atari_wrappers"] = atari_wrappers
         name = "ppo_atari.py"
     else:
+        made = gym.make
+        gym.make = lambda task, **kwargs: make_env(task) if task.startswith("MetaWorld") else made(task, **kwargs)
         name = "ppo_continuous_action.py" if recipe.normalize else "ppo.py"
     transform = gym.wrappers.TransformObservation
     gym.vector.SyncVectorEnv = Noted
@@ -216,6 +224,8 @@ def stillroom_environment(task: str) -> tuple[list[str], int]:
     if task.endswith("NoFrameskip-v4"):
         kwargs = {"game": task.removesuffix("NoFrameskip-v4")}
         return [f"{examples}/atari.py:make_env", "--env-kwargs", json.dumps(kwargs)], 27_000
+    if task.startswith("MetaWorld"):
+        return [f"envpool:{task}"], 500
     env = make_env(task)
     if env.spec and env.spec.max_episode_steps:
         return [f"gymnasium:{task}"], env.spec.max_episode_steps
@@ -225,7 +235,8 @@ def stillroom_environment(task: str) -> tuple[list[str], int]:
 
 def stillroom_words(task: str, seed: int, recipe: Recipe, folder: Path, options: argparse.Namespace) -> list[str]:
     """What `orchestrator` is called with."""
-    actors = math.gcd(options.cores, recipe.environments)
+    divisors = (number for number in range(options.cores, recipe.environments) if recipe.environments % number == 0)
+    actors = next(divisors, recipe.environments)
     environment, limit = stillroom_environment(task)
     settings = {
         "actors.count": actors, "actors.environments_per_actor": recipe.environments // actors,

@@ -1,5 +1,6 @@
 //! Adam (Kingma and Ba 2015) over one flat buffer, with PyTorch's arithmetic: β = (0.9, 0.999).
 
+use crate::device::upload;
 use tch::{Kind, Tensor};
 
 const BETA_1: f64 = 0.9;
@@ -7,7 +8,7 @@ const BETA_2: f64 = 0.999;
 
 #[derive(Debug)]
 pub struct Adam {
-    /// Running mean of the gradient, \[parameters\].
+    /// Running mean of the gradient, \[parameters\]. This and the next keep their addresses: recorded steps write there.
     pub first: Tensor,
     /// Running mean of its square, \[parameters\].
     pub second: Tensor,
@@ -19,16 +20,37 @@ impl Adam {
         Self { first: weights.zeros_like(), second: weights.zeros_like(), steps: 0 }
     }
 
-    pub fn step(&mut self, weights: &mut Tensor, gradient: &Tensor, learning_rate: f64, epsilon: f64) {
-        self.steps += 1;
-        let power = self.steps.min(i32::MAX as u64) as i32;
-        let correction_1 = 1.0 - BETA_1.powi(power);
-        let correction_2 = 1.0 - BETA_2.powi(power);
+    /// As it was made.
+    pub fn restart(&mut self) {
+        let _ = (self.first.zero_(), self.second.zero_());
+        self.steps = 0;
+    }
+
+    /// What the next `count` steps have of their numbers, on the device: f32 \[count, 2\], √(1 − β₂ᵗ) and the learning
+    /// rate divided by 1 − β₁ᵗ. Of the first a GPU has the reciprocal, by which libtorch multiplies there.
+    pub fn factors(&self, count: usize, learning_rate: f64) -> Tensor {
+        let device = self.first.device();
+        let of = |step: u64| {
+            let power = step.min(i32::MAX as u64) as i32;
+            let deviation = (1.0 - BETA_2.powi(power)).sqrt() as f32;
+            let rate = (learning_rate / (1.0 - BETA_1.powi(power))) as f32;
+            [if device.is_cuda() { 1.0 / deviation } else { deviation }, rate]
+        };
+        let steps = self.steps + 1..=self.steps + count as u64;
+        upload(&steps.flat_map(of).collect::<Vec<_>>(), device).view([-1, 2])
+    }
+
+    /// Changes the weights by a gradient; `factors` are the step's row. The caller counts the step.
+    pub fn apply(&self, weights: &Tensor, gradient: &Tensor, factors: &Tensor, epsilon: f64) {
+        let (mut first, mut second) = (self.first.shallow_clone(), self.second.shallow_clone());
+        let [deviation, rate] = [0, 1].map(|index| factors.select(0, index));
         tch::no_grad(|| {
-            let _ = self.first.lerp_(gradient, 1.0 - BETA_1);
-            let _ = self.second.g_mul_scalar_(BETA_2).addcmul_(gradient, &(gradient * (1.0 - BETA_2)));
-            let denominator = self.second.sqrt().g_div_scalar_(correction_2.sqrt()).g_add_scalar_(epsilon);
-            let _ = weights.g_sub_(&(&self.first / denominator).g_mul_scalar_(learning_rate / correction_1));
+            let _ = first.lerp_(gradient, 1.0 - BETA_1);
+            let _ = second.g_mul_scalar_(BETA_2).addcmul_(gradient, &(gradient * (1.0 - BETA_2)));
+            let mut root = second.sqrt();
+            let root = if root.device().is_cuda() { root.g_mul_(&deviation) } else { root.g_div_(&deviation) };
+            let change = (first / (root + epsilon)).g_mul_(&rate);
+            let _ = weights.shallow_clone().g_sub_(&change);
         });
     }
 
@@ -36,6 +58,13 @@ impl Adam {
     #[must_use]
     pub fn copy(&self) -> Self {
         Self { first: self.first.copy(), second: self.second.copy(), steps: self.steps }
+    }
+
+    /// As a copy has it.
+    pub(crate) fn restore(&mut self, copy: &Self) {
+        self.first.copy_(&copy.first);
+        self.second.copy_(&copy.second);
+        self.steps = copy.steps;
     }
 }
 

@@ -316,8 +316,7 @@ impl Agent {
 
     /// A new stage: a fresh optimiser, of the multiplier too. Weights and beliefs go on.
     pub fn start_stage(&mut self) {
-        let trainer = self.trainer_mut();
-        trainer.adam = Adam::new(&trainer.network.parameters.flat());
+        self.trainer_mut().adam.restart();
         self.multiplier = self.config.reward.lagrangian.initial;
     }
 

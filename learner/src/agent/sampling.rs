@@ -25,7 +25,7 @@ pub(super) fn sample(head: &ActionHead, row: &[f32], noise: &[f32]) -> (PolicyAc
         log_prob += row[own.start + option];
         option as i64
     };
-    let options = head.choices().into_iter().map(choose).collect();
+    let options = head.choices().map(choose).collect();
     (PolicyAction::Options(options), log_prob)
 }
 
@@ -118,7 +118,7 @@ mod tests {
         let mut bytes = vec![];
         head.write(&action, &mut bytes);
         assert_eq!(bytes, [1i32, 0].map(i32::to_ne_bytes).concat());
-        assert_eq!(ActionHead::Discrete(vec![3, 7]).choices(), [2]);
+        assert_eq!(ActionHead::Discrete(vec![3, 7]).choices().collect::<Vec<_>>(), [2]);
 
         // What is forbidden has no part in a choice, whatever its logit and noise.
         let mut row = [9.0, 2.0, 0.0, 9.0, 0.0];

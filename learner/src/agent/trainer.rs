@@ -135,7 +135,7 @@ mod tests {
         assert!(agent.update(progress, number).unwrap().values().all(|figure| figure.is_finite()));
     }
 
-    /// To the last bit, whatever falls from update to update, and in a rollout that is cut.
+    /// To the last bit, whatever falls from update to update, and in a rollout that is cut; whole steps, and passes alone.
     #[test]
     #[ignore = "needs a CUDA device"]
     fn weights_after_recorded_passes_are_those_after_passes_launch_by_launch() {
@@ -154,8 +154,8 @@ mod tests {
             (config.ppo.minibatches, config.ppo.rollout_steps) = (2, STEPS as u32);
             let options = config.spec().mask().map_or(0, |_| config.action_head().outputs());
             let frames = Frames::new(&config).unwrap();
-            for shuffle in [Shuffle::Rows, Shuffle::Environments] {
-                config.ppo.shuffle = shuffle;
+            for (shuffle, each) in [(Shuffle::Rows, 0), (Shuffle::Environments, 0), (Shuffle::Environments, 3)] {
+                (config.ppo.shuffle, config.ppo.environments_per_pass) = (shuffle, each);
                 let mut agents = [(); 2].map(|()| Agent::new(&config, Device::Cuda(0)).unwrap());
                 agents[1].trainer_mut().graphs = None;
                 let before = agents[0].weights_digest();
@@ -166,7 +166,9 @@ mod tests {
                 }
                 let [recorded, plain] = &agents;
                 let graphs = recorded.trainer().graphs.as_ref().unwrap().borrow();
-                assert!(graphs.has_launched(), "{name} by {shuffle:?}");
+                // A minibatch of six environments is one pass, or two.
+                let expected = if each == 0 { [false, true] } else { [true, false] };
+                assert_eq!(graphs.have_launched(), expected, "{name} by {shuffle:?}");
                 assert_ne!(recorded.weights_digest(), before);
                 assert_eq!(recorded.weights_digest(), plain.weights_digest(), "{name} by {shuffle:?}");
             }

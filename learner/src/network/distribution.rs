@@ -32,7 +32,7 @@ impl Maker {
         if head.is_gaussian() {
             Self::Gaussian(layout.add("log_std".to_owned(), &[head.outputs() as i64], Initial::Constant(log_std)))
         } else {
-            Self::Categorical(head.choices().into_iter().map(|options| options as i64).collect())
+            Self::Categorical(head.choices().map(|options| options as i64).collect())
         }
     }
 

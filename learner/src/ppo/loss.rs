@@ -68,10 +68,6 @@ impl Coefficients {
         &self.0
     }
 
-    pub(super) fn copy(&self) -> Self {
-        Self(self.0.copy())
-    }
-
     fn at(&self, index: i64) -> Tensor {
         self.0.select(0, index)
     }
@@ -82,6 +78,13 @@ impl Coefficients {
 
     pub(super) fn entropy(&self) -> Tensor {
         self.at(6)
+    }
+}
+
+impl From<Tensor> for Coefficients {
+    /// Of what [`Coefficients::tensor`] gave, or a copy.
+    fn from(tensor: Tensor) -> Self {
+        Self(tensor)
     }
 }
 

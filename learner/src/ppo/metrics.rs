@@ -48,6 +48,11 @@ impl StepSums {
         add(SCALARS.len(), counted);
     }
 
+    /// With the norm of the step's gradient before clipping, as [`UpdateSums`] keeps it.
+    pub(crate) fn with_norm(&self, gradient_norm: &Tensor) -> Tensor {
+        Tensor::cat(&[self.numbers.flatten(0, -1), gradient_norm.reshape([1])], 0)
+    }
+
     /// Sums over all learners, with the norm of the step's gradient and the number of its queries.
     pub(crate) fn read(
         &self,
@@ -57,7 +62,7 @@ impl StepSums {
         (shards, peers): (&Shards, &Peers),
     ) -> Result<StepMetrics, PeerError> {
         let mut steps = UpdateSums::default();
-        steps.add(self, gradient_norm, queries);
+        steps.add(self.with_norm(gradient_norm), queries);
         Ok(steps.read(auxiliary, (shards, peers))?.remove(0))
     }
 }
@@ -71,9 +76,9 @@ pub(crate) struct UpdateSums {
 }
 
 impl UpdateSums {
-    /// Adds a step, with its gradient's norm before clipping and the number of its queries.
-    pub(crate) fn add(&mut self, step: &StepSums, gradient_norm: &Tensor, queries: u64) {
-        self.numbers.push(Tensor::cat(&[step.numbers.flatten(0, -1), gradient_norm.reshape([1])], 0));
+    /// Adds a step, as [`StepSums::with_norm`] has it, with the number of its queries.
+    pub(crate) fn add(&mut self, step: Tensor, queries: u64) {
+        self.numbers.push(step);
         self.queries.push(queries);
     }
 
@@ -209,10 +214,10 @@ mod tests {
         let mut step = StepSums::new(&task, &shards, Device::Cpu);
         step.add_pass(0, &pass(1.0), &[Tensor::from(3_i64), Tensor::from(4.0_f64)]);
         step.add_pass(0, &pass(0.1), &[Tensor::from(1_i64), Tensor::from(2.0_f64)]);
-        sums.add(&step, &norm(0.25), 6);
+        sums.add(step.with_norm(&norm(0.25)), 6);
         let mut step = StepSums::new(&task, &shards, Device::Cpu);
         step.add_pass(0, &pass(7.0), &[]);
-        sums.add(&step, &norm(f64::NAN), 0);
+        sums.add(step.with_norm(&norm(f64::NAN)), 0);
 
         let steps = sums.read(&task, (&shards, &Peers::Alone)).unwrap();
         let of_parts = [0.0_f32, 0.5, 1.0, 1.5, 2.0, 2.5].map(|more| f64::from(1.0 + more) + f64::from(0.1 + more));

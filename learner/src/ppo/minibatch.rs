@@ -9,6 +9,7 @@ use crate::rollout::{Rollout, StepTable};
 use crate::shards::Shards;
 use proto::random::{Key, Purpose};
 use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 use tch::Tensor;
 
 /// A rollout with its targets on its device, of which minibatches are parts.
@@ -24,6 +25,8 @@ pub(crate) struct Whole<'a> {
 /// Rows of a minibatch that go through the network in one pass.
 #[derive(Debug)]
 pub(crate) struct Chunk {
+    /// No other chunk of this process has it, and a chunk's numbers stay as they are while passes go over it.
+    pub(super) id: u64,
     /// Which of this learner's shards its rows are of.
     pub shard: usize,
     /// Which (step, column) each row is.
@@ -173,7 +176,9 @@ impl Chunk {
     fn new(whole: &Whole, shard: usize, (packing, unbounded): (Packing, bool)) -> Self {
         let rows = whole.rollout.rows(&packing);
         let experience = whole.experience(&rows);
-        let mut chunk = Self { shard, packing, rows, experience, observations: None };
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let mut chunk = Self { id, shard, packing, rows, experience, observations: None };
         chunk.observations = unbounded.then(|| whole.observations(&chunk));
         chunk
     }
@@ -199,15 +204,18 @@ impl Chunk {
 
     /// A copy with observations of its own.
     pub(super) fn copy(&self, whole: &Whole) -> Self {
-        let Self { shard, packing, rows, experience, observations } = self;
+        let Self { id, shard, packing, rows, experience, observations } = self;
         let gathered = observations.is_none().then(|| whole.observations(self));
         let observations = observations.as_ref().or(gathered.as_ref()).map(Observations::copy);
         let experience = experience.copy();
-        Self { shard: *shard, packing: packing.clone(), rows: rows.copy(), experience, observations }
+        Self { id: *id, shard: *shard, packing: packing.clone(), rows: rows.copy(), experience, observations }
     }
 
-    /// Takes another chunk's numbers in place of its own, which are as many. Panics unless it is a copy.
+    /// Takes another chunk's numbers in place of its own, which are as many, unless it has them. Panics unless it is a copy.
     pub(super) fn take(&mut self, other: &Self, whole: &Whole) {
+        if std::mem::replace(&mut self.id, other.id) == other.id {
+            return;
+        }
         let own = self.observations.as_ref().expect("a copy has observations");
         match &other.observations {
             Some(observations) => own.take(observations),

@@ -51,7 +51,7 @@ use moments::RewardScale;
 use proto::config::{AuxiliaryConfig, PpoConfig, Shuffle};
 use proto::metric;
 pub(crate) use recorded::PassGraphs;
-use recorded::Passed;
+use recorded::{Inputs, Passed};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use tch::Tensor;
@@ -99,10 +99,11 @@ pub enum UpdateError {
     Peers(#[from] PeerError),
 }
 
-/// What losses are divided by to be means over the minibatch: counts over all learners.
+/// What makes losses means over the minibatch of all learners.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Totals {
-    pub frames: u64,
+pub(crate) struct Totals<'a> {
+    /// With the share of a frame.
+    pub coefficients: &'a Coefficients,
     /// Queries to the auxiliary task of its rows in this epoch.
     pub queries: u64,
 }
@@ -126,8 +127,10 @@ impl<'a> Update<'a> {
         let mut attempt = |look| {
             self.peers.count_anew();
             self.epochs(&mut weights, adam, look).inspect_err(|_| {
-                *adam = adam_before.copy();
-                tch::no_grad(|| weights.copy_(&weights_before));
+                tch::no_grad(|| {
+                    adam.restore(&adam_before);
+                    weights.copy_(&weights_before);
+                });
             })
         };
         match attempt(Look::AtTheEnd) {
@@ -146,8 +149,10 @@ impl<'a> Update<'a> {
         let targets = gae::estimate(self.rollout, self.ppo, self.reward_scale, self.shards, self.peers)?;
         let whole = Whole::new(self.rollout, &targets);
         let shards = self.shards;
-        let (mut minibatches, mut frames) = (vec![], vec![]);
-        let mut sums = UpdateSums::default();
+        // Minibatches, and the loss's coefficients for each; none where no learner has a column of it.
+        let (mut minibatches, mut coefficients) = (vec![], vec![]);
+        let factors = adam.factors((self.ppo.epochs * self.ppo.minibatches) as usize, self.learning_rate);
+        let (mut sums, mut steps) = (UpdateSums::default(), 0);
 
         for epoch in 0..self.ppo.epochs {
             if epoch > 0 && self.is_far(&sums)? {
@@ -160,33 +165,39 @@ impl<'a> Update<'a> {
                         Chunk::normalize(chunks, &targets, shards, self.peers)?;
                     }
                 }
-                frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;
+                let frames = self.peers.totals(minibatches.iter().map(|chunks| rows(chunks)))?;
+                let of = |frames| (frames > 0).then(|| Coefficients::of(self.ppo, frames, weights.device()));
+                coefficients = frames.into_iter().map(of).collect::<Vec<_>>();
             }
             let packings: Vec<&Packing> = minibatches.iter().flatten().map(|chunk| &chunk.packing).collect();
             let mut queries = self.auxiliary.queries(&packings, self.epoch(epoch), self.peers)?.into_iter();
             let queries: Vec<Vec<Vec<Query>>> =
                 minibatches.iter().map(|chunks| queries.by_ref().take(chunks.len()).collect()).collect();
             let asked = self.peers.totals(queries.iter().map(|queries| count(queries)))?;
-            for (((chunks, &frames), queries), &asked) in minibatches.iter().zip(&frames).zip(&queries).zip(&asked) {
-                if frames == 0 {
-                    // No learner has a column of it.
+            for (((chunks, coefficients), queries), &asked) in minibatches.iter().zip(&coefficients).zip(&queries).zip(&asked)
+            {
+                let Some(coefficients) = coefficients else { continue };
+                let factors = factors.select(0, steps);
+                (steps, adam.steps) = (steps + 1, adam.steps + 1);
+                if look == Look::AtTheEnd
+                    && let Some(figures) = self.recorded_step(&whole, chunks, (coefficients, &factors), weights, adam)
+                {
+                    sums.add(figures, asked);
                     continue;
                 }
                 // Forward, loss, backward, and the sum over learners: the gradient of the whole minibatch, [W].
-                let (mut gradient, step) = self.gradient(&whole, chunks, queries, Totals { frames, queries: asked })?;
+                let totals = Totals { coefficients, queries: asked };
+                let (gradient, step) = self.gradient(&whole, chunks, queries, totals)?;
 
-                // Clip. GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
+                // GPUs of unlike kinds may sum the squares in unlike orders: all clip by the first learner's norm.
                 let mut gradient_norm = norm(&gradient);
                 self.peers.first_scalar(&mut gradient_norm)?;
                 if look == Look::AtEachStep {
                     let step = step.read(&gradient_norm, asked, self.auxiliary, (shards, self.peers))?;
                     self.check_finite(&step, &gradient)?;
                 }
-                clip(&mut gradient, &gradient_norm, self.ppo.max_gradient_norm);
-
-                // Adam.
-                adam.step(weights, &gradient, self.learning_rate, self.ppo.adam_epsilon);
-                sums.add(&step, &gradient_norm, asked);
+                self.follow(gradient, &gradient_norm, &factors, weights, adam);
+                sums.add(step.with_norm(&gradient_norm), asked);
             }
         }
 
@@ -207,6 +218,42 @@ impl<'a> Update<'a> {
             means.insert(metric::EXCHANGED.to_owned(), self.peers.exchanged()?.bytes as f64);
         }
         Ok(means)
+    }
+
+    /// Clips a gradient of this norm, and goes on by Adam.
+    fn follow(&self, mut gradient: Tensor, norm: &Tensor, factors: &Tensor, weights: &Tensor, adam: &Adam) {
+        clip(&mut gradient, norm, self.ppo.max_gradient_norm);
+        adam.apply(weights, &gradient, factors, self.ppo.adam_epsilon);
+    }
+
+    /// A step of the optimiser by one graph, and its figures, as [`StepSums::with_norm`] has them. None, and nothing is
+    /// changed, where a step is not one pass of this learner alone, or is not recorded.
+    fn recorded_step(
+        &self,
+        whole: &Whole,
+        chunks: &[Chunk],
+        (coefficients, factors): (&Coefficients, &Tensor),
+        weights: &Tensor,
+        adam: &Adam,
+    ) -> Option<Tensor> {
+        let (Some(graphs), [chunk], Peers::Alone) = (self.graphs, chunks, self.peers) else { return None };
+        if self.shards.columns().len() > 1 {
+            return None;
+        }
+        let step = |inputs: &Inputs| {
+            let [coefficients, factors] = &inputs.numbers[..] else { unreachable!("as they are given below") };
+            let coefficients = Coefficients::from(coefficients.shallow_clone());
+            let Passed { gradient: part, scalars } = self.plain_pass(whole, &inputs.chunk, &coefficients);
+            let gradient = weights.zeros_like().g_add_(&part);
+            let mut step = StepSums::new(self.auxiliary, self.shards, weights.device());
+            step.add_pass(0, &scalars, &[]);
+            let gradient_norm = norm(&gradient);
+            self.follow(gradient, &gradient_norm, factors, weights, adam);
+            step.with_norm(&gradient_norm)
+        };
+        let given: (&[_], &[_]) = (&[coefficients.tensor(), factors], &[weights, &adam.first, &adam.second]);
+        let mut graphs = graphs.borrow_mut();
+        graphs.steps.launch((whole, self.rollout_number), chunk, given, step).map(Tensor::copy)
     }
 
     fn minibatches(&self, whole: &Whole, epoch: u32) -> Vec<Vec<Chunk>> {
@@ -247,7 +294,7 @@ impl<'a> Update<'a> {
         totals: Totals,
     ) -> Result<(Tensor, StepSums), PeerError> {
         let weights = self.network.parameters.flat();
-        let coefficients = Coefficients::of(self.ppo, totals.frames, weights.device());
+        let coefficients = totals.coefficients;
         let mut step = StepSums::new(self.auxiliary, self.shards, weights.device());
         let mut tree = Tree::default();
         let mut chunks = chunks.iter().zip(queries).peekable();
@@ -255,9 +302,12 @@ impl<'a> Update<'a> {
             let mut gradient = weights.zeros_like();
             while let Some((chunk, queries)) = chunks.next_if(|(chunk, _)| chunk.shard == shard) {
                 let mut graphs = self.graphs.map(RefCell::borrow_mut);
-                let of = (whole, self.rollout_number);
-                let pass = |chunk: &Chunk, coefficients: &Coefficients| self.plain_pass(whole, chunk, coefficients);
-                let recorded = graphs.as_mut().and_then(|graphs| graphs.pass(of, chunk, &coefficients, pass));
+                let pass = |inputs: &Inputs| {
+                    let [coefficients] = &inputs.numbers[..] else { unreachable!("as they are given below") };
+                    self.plain_pass(whole, &inputs.chunk, &Coefficients::from(coefficients.shallow_clone()))
+                };
+                let (of, given): (_, (&[_], &[_])) = ((whole, self.rollout_number), (&[coefficients.tensor()], &[]));
+                let recorded = graphs.as_mut().and_then(|graphs| graphs.passes.launch(of, chunk, given, pass));
                 if let Some(Passed { gradient: part, scalars }) = recorded {
                     let _ = gradient.g_add_(part);
                     step.add_pass(shard, scalars, &[]);
@@ -265,7 +315,7 @@ impl<'a> Update<'a> {
                 }
                 // Forward and loss, then backward.
                 let Loss { total, embedded, scalars, counted } =
-                    self.loss(whole, chunk, (queries, totals.queries), &coefficients);
+                    self.loss(whole, chunk, (queries, totals.queries), coefficients);
                 let _ = gradient.g_add_(&self.network.gradient_of(&total, embedded));
                 step.add_pass(shard, &scalars, &counted);
             }

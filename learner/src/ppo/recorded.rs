@@ -1,11 +1,10 @@
-//! Passes over chunks as CUDA graphs: forward, loss and backward. Launched operation by operation, a pass of a small
-//! network takes the host ten times as long as it takes the GPU.
+//! Passes over chunks as CUDA graphs: forward, loss and backward; and whole steps of the optimiser, where one is a single
+//! pass. Launched operation by operation, those of a small network take the host ten times as long as they take the GPU.
 //!
 //! A pass is recorded where nothing but the number of its rows says what is launched: of a network without memory, an
 //! auxiliary task, and an encoder in kernels of our own, which records its passes itself. The same operations are
 //! launched in the same order, so no bit depends on whether, or when, a pass was recorded.
 
-use super::loss::Coefficients;
 use super::metrics::SCALARS;
 use super::minibatch::{Chunk, Whole};
 use crate::ffi::graph::{Graph, GraphError, Memory, Recorder};
@@ -17,14 +16,12 @@ use tch::Tensor;
 /// Runs before a recording: libraries choose algorithms and allocate at first use, which a recording does not allow.
 const WARM_UPS: usize = 1;
 
-/// The recorded passes, by number of rows.
+/// All that an agent's updates have recorded.
 #[derive(Debug, Default)]
 pub(crate) struct PassGraphs {
-    recorder: Option<Recorder>,
-    recorded: BTreeMap<i64, Recorded>,
-    sizes: Sizes,
-    /// Something could not be recorded.
-    refused: bool,
+    pub(super) passes: Graphs<Passed>,
+    /// Steps of one pass, with the step's figures.
+    pub(super) steps: Graphs<Tensor>,
 }
 
 /// What a pass over a chunk gives.
@@ -35,30 +32,70 @@ pub(super) struct Passed {
     pub scalars: [Tensor; SCALARS.len()],
 }
 
-/// A pass with what it reads and writes, besides the weights.
+/// Graphs by number of rows.
 #[derive(Debug)]
-struct Recorded {
+pub(super) struct Graphs<T> {
+    recorder: Option<Recorder>,
+    recorded: BTreeMap<i64, Recorded<T>>,
+    sizes: Sizes,
+    /// Something could not be recorded.
+    refused: bool,
+}
+
+/// A graph with what it reads and writes.
+#[derive(Debug)]
+struct Recorded<T> {
     graph: Graph,
-    chunk: Chunk,
-    coefficients: Coefficients,
-    pass: Passed,
+    inputs: Inputs,
+    result: T,
+}
+
+/// What is read besides the weights, and what is changed.
+#[derive(Debug)]
+pub(super) struct Inputs {
+    pub chunk: Chunk,
+    /// Numbers that differ from launch to launch.
+    pub numbers: Vec<Tensor>,
+    /// What is changed, always in its place.
+    pub state: Vec<Tensor>,
+}
+
+impl<T> Default for Graphs<T> {
+    fn default() -> Self {
+        Self { recorder: None, recorded: BTreeMap::new(), sizes: Sizes::default(), refused: false }
+    }
 }
 
 impl PassGraphs {
-    /// What `compute` gives for a chunk of a rollout, in the update of this number; none where that is not recorded. It
-    /// holds until the next one.
-    pub(super) fn pass(
+    /// Whether passes and steps were among those that were recorded.
+    #[cfg(test)]
+    pub(crate) fn have_launched(&self) -> [bool; 2] {
+        let Self { passes, steps } = self;
+        [passes.refused, steps.refused].iter().for_each(|refused| assert!(!refused));
+        [!passes.recorded.is_empty(), !steps.recorded.is_empty()]
+    }
+}
+
+impl<T> Graphs<T> {
+    /// What `compute` gives for a chunk of a rollout, in the update of this number, and what it makes of `state`; none,
+    /// and nothing is changed, where that is not recorded. It holds until the next one.
+    ///
+    /// # Panics
+    /// If `state` has moved since it was recorded.
+    pub(super) fn launch(
         &mut self,
         (whole, update): (&Whole, u64),
         chunk: &Chunk,
-        coefficients: &Coefficients,
-        compute: impl Fn(&Chunk, &Coefficients) -> Passed,
-    ) -> Option<&Passed> {
+        (numbers, state): (&[&Tensor], &[&Tensor]),
+        compute: impl Fn(&Inputs) -> T,
+    ) -> Option<&T> {
         let rows = chunk.packing.rows.len() as i64;
         if !self.refused
             && let Some(due) = self.sizes.count(rows, update)
         {
-            match self.record((chunk.copy(whole), coefficients.copy()), due, compute) {
+            let numbers = numbers.iter().map(|tensor| tensor.copy()).collect();
+            let state = state.iter().map(|tensor| tensor.shallow_clone()).collect();
+            match self.record(Inputs { chunk: chunk.copy(whole), numbers, state }, due, compute) {
                 Ok(recorded) => {
                     self.recorded.insert(rows, recorded);
                 }
@@ -68,28 +105,24 @@ impl PassGraphs {
                 }
             }
         }
-        let Recorded { graph, chunk: place, coefficients: numbers, pass } = self.recorded.get_mut(&rows)?;
+        let Recorded { graph, inputs, result } = self.recorded.get_mut(&rows)?;
+        let stayed = inputs.state.iter().zip(state).all(|(own, now)| own.data_ptr() == now.data_ptr());
+        assert!(stayed, "a recorded step changes weights and moments where they were");
         tch::no_grad(|| {
-            place.take(chunk, whole);
-            numbers.tensor().shallow_clone().copy_(coefficients.tensor());
+            inputs.chunk.take(chunk, whole);
+            inputs.numbers.iter_mut().zip(numbers).for_each(|(own, now)| own.copy_(now));
         });
         // As in tch: a device that fails in the middle of a pass ends the process.
         graph.replay().unwrap_or_else(|error| panic!("{error}"));
-        Some(pass)
-    }
-
-    /// Whether a pass was one of those that were recorded.
-    #[cfg(test)]
-    pub(crate) fn has_launched(&self) -> bool {
-        !self.recorded.is_empty() && !self.refused
+        Some(result)
     }
 
     fn record(
         &mut self,
-        (chunk, coefficients): (Chunk, Coefficients),
+        inputs: Inputs,
         due: Due,
-        compute: impl Fn(&Chunk, &Coefficients) -> Passed,
-    ) -> Result<Recorded, GraphError> {
+        compute: impl Fn(&Inputs) -> T,
+    ) -> Result<Recorded<T>, GraphError> {
         // A graph's kernels have the priority of the stream that they were recorded on: acting goes first.
         let recorder = match &mut self.recorder {
             Some(recorder) => recorder,
@@ -100,7 +133,11 @@ impl PassGraphs {
             recorder.wait()?;
             self.recorded.remove(&dropped);
         }
-        let (graph, pass) = recorder.record(WARM_UPS, || Ok(compute(&chunk, &coefficients)))?;
-        Ok(Recorded { graph, chunk, coefficients, pass })
+        let before: Vec<Tensor> = inputs.state.iter().map(Tensor::copy).collect();
+        let recorded = recorder.record(WARM_UPS, || Ok(compute(&inputs)));
+        // The runs that warm up have changed it.
+        tch::no_grad(|| inputs.state.iter().zip(&before).for_each(|(own, before)| own.shallow_clone().copy_(before)));
+        let (graph, result) = recorded?;
+        Ok(Recorded { graph, inputs, result })
     }
 }

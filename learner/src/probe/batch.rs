@@ -278,7 +278,7 @@ fn actions(
     [steps, columns]: [i64; 2],
     head: &ActionHead,
 ) -> Result<std::vec::IntoIter<PolicyAction>, TensorsError> {
-    let choices = head.choices();
+    let choices: Vec<usize> = head.choices().collect();
     let (width, name) = (if head.is_gaussian() { head.outputs() } else { choices.len() }, "action");
     let size = [steps, columns, width as i64];
     let size = if choices.len() == 1 { &size[..2] } else { &size[..] };

@@ -9,6 +9,7 @@ use crate::ppo::gae::{self, Targets};
 use crate::ppo::metrics::{SCALARS, StepMetrics};
 use crate::ppo::minibatch::{Chunk, Whole};
 use crate::ppo::moments::RewardScale;
+use crate::ppo::loss::Coefficients;
 use crate::ppo::{Totals, Update, UpdateError};
 use crate::rollout::Rollout;
 use crate::shards::Shards;
@@ -65,7 +66,8 @@ pub(super) fn probe(
             query.negative = rows[&negatives[cells.index(packing.rows[query.later as usize])]];
         }
     }
-    let totals = Totals { frames: rollout.shape().frames, queries: queries.len() as u64 };
+    let coefficients = Coefficients::of(&ppo, rollout.shape().frames, network.parameters.flat().device());
+    let totals = Totals { coefficients: &coefficients, queries: queries.len() as u64 };
     let (gradient, step) = update.gradient(&whole, &chunks, std::slice::from_ref(&queries), totals)?;
     let metrics = step.read(&norm(&gradient), totals.queries, auxiliary, (&shards, update.peers))?;
 

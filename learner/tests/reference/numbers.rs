@@ -254,12 +254,13 @@ fn a_state_of_numbers_is_saved_and_loaded() {
 #[test]
 fn adams_epsilon_stands_beside_the_root_of_the_second_moment() {
     for epsilon in [1e-8, 1e-5, 0.1] {
-        let mut weights = Tensor::from_slice(&[1.0f32, -2.0]);
+        let weights = Tensor::from_slice(&[1.0f32, -2.0]);
         let mut adam = Adam::new(&weights);
         let gradients = [[1e-3f32, 0.5], [2e-3, -0.25]];
         let (mut m, mut v, mut expected) = ([0.0f64; 2], [0.0f64; 2], [1.0, -2.0]);
         for (step, gradient) in (1..).zip(gradients) {
-            adam.step(&mut weights, &Tensor::from_slice(&gradient), 0.01, epsilon);
+            adam.apply(&weights, &Tensor::from_slice(&gradient), &adam.factors(1, 0.01).get(0), epsilon);
+            adam.steps += 1;
             for i in 0..2 {
                 let g = f64::from(gradient[i]);
                 (m[i], v[i]) = (0.9 * m[i] + 0.1 * g, 0.999 * v[i] + 0.001 * g * g);

@@ -35,12 +35,13 @@ impl ActionHead {
     }
 
     /// Options of each choice; none where numbers are drawn.
-    pub fn choices(&self) -> Vec<usize> {
-        match self {
-            Self::Discrete(named) => vec![named.len()],
-            Self::MultiDiscrete(counts) => counts.clone(),
-            Self::Box(_) => vec![],
-        }
+    pub fn choices(&self) -> impl Iterator<Item = usize> {
+        let (one, several): (_, &[usize]) = match self {
+            Self::Discrete(named) => (Some(named.len()), &[]),
+            Self::MultiDiscrete(counts) => (None, counts),
+            Self::Box(_) => (None, &[]),
+        };
+        one.into_iter().chain(several.iter().copied())
     }
 
     pub fn is_gaussian(&self) -> bool {
@@ -51,7 +52,7 @@ impl ActionHead {
     pub fn outputs(&self) -> usize {
         match self {
             Self::Box(bounds) => bounds.len(),
-            Self::Discrete(_) | Self::MultiDiscrete(_) => self.choices().iter().sum(),
+            Self::Discrete(_) | Self::MultiDiscrete(_) => self.choices().sum(),
         }
     }
 

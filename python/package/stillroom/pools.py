@@ -20,8 +20,9 @@ class PoolEnv(gymnasium.Env):
         self.observation_space, self.action_space = self._pool.observation_space, self._pool.action_space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Makes the pool of the episode."""
-        self._pool = self._make(0 if seed is None else seed)
+        """Makes the pool of the episode; without a seed it has one by chance."""
+        super().reset(seed=seed)
+        self._pool = self._make(int(self.np_random.integers(2**31)) if seed is None else seed)
         seen, info = self._pool.reset()
         return _first(seen), _first(info)
 

@@ -141,7 +141,7 @@ impl Maker<'_> {
                 (log_stds, "log_stds", "Logarithms of their standard deviations."),
             ]);
         }
-        let (axis, choices) = ([Int("axis", -1)], head.choices());
+        let (axis, choices) = ([Int("axis", -1)], head.choices().collect::<Vec<_>>());
         let mut log_probs = vec![];
         let mut begin = 0;
         for options in &choices {
