@@ -328,10 +328,13 @@ fn likest(runs: &Path, path: &Path) -> Option<PathBuf> {
     }
     let name = path.file_name()?.to_str()?;
     // A run's own folder has folders that are no runs.
-    let own = path.parent().filter(|folder| folder.as_os_str() != "" && holds_runs(folder));
-    own.into_iter().chain(is_inside.then_some(runs)).find_map(|folder| {
+    let own = path.parent().filter(|folder| folder.as_os_str() != "" && *folder != runs && holds_runs(folder));
+    own.into_iter().chain((is_inside || path.parent() == Some(runs)).then_some(runs)).find_map(|folder| {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        let is_run = |entry: &std::fs::DirEntry| RunFolder::new(entry.path()).identity().is_file();
+        // A suite has its runs in a folder of its own.
+        let is_run = |entry: &std::fs::DirEntry| {
+            RunFolder::new(entry.path()).identity().is_file() || holds_runs(&entry.path().join("runs"))
+        };
         let names: Vec<String> =
             entries.filter(is_run).filter_map(|entry| entry.file_name().into_string().ok()).collect();
         nearest(name, names.iter().map(String::as_str)).map(|meant| folder.join(meant))
