@@ -208,16 +208,18 @@ fn throughput(live: &Live, width: u16) -> Line<'static> {
     Line::from(spans)
 }
 
-/// What the letters of the metrics stand for: "SRwoD: success without disturbance".
-fn letters(live: &Live) -> String {
+/// What the letters of the metrics stand for, "SRwoD: success without disturbance", in so many columns: of all, or of the
+/// last one alone.
+fn letters(live: &Live, columns: usize) -> Option<String> {
     let shares = live.card.metrics.iter().filter(|metric| metric.is_share() && metric.label != metric.name);
     let said = shares.map(|metric| format!("{}: {}", metric.label, metric.name.replace('_', " ")));
-    printable(&said.collect::<Vec<_>>().join(", ")).into_owned()
+    let said: Vec<String> = said.map(|text| printable(&text).into_owned()).collect();
+    [said.join(", "), said.last()?.clone()].into_iter().find(|text| text.chars().count() <= columns)
 }
 
-/// Whether what the letters stand for has room behind the keys.
-fn letters_are_below(live: &Live, width: u16) -> bool {
-    keys(width).width() + letters(live).chars().count() <= usize::from(width)
+/// The same, where it has room behind the keys.
+fn letters_below(live: &Live, width: u16) -> Option<String> {
+    letters(live, usize::from(width).saturating_sub(keys(width).width()))
 }
 
 fn machine(live: &Live, width: u16) -> Line<'static> {
@@ -248,9 +250,9 @@ fn machine(live: &Live, width: u16) -> Line<'static> {
     if let Some(last) = live.validation.last() {
         parts.push(format!("validation at {}: {}", format::count(last.frames), metrics(&last.figures)));
     }
-    let longer = parts.iter().map(|part| part.chars().count() + 5).sum::<usize>() + letters(live).chars().count();
-    if !letters_are_below(live, width) && longer < usize::from(width) {
-        parts.push(letters(live));
+    if letters_below(live, width).is_none() {
+        let taken = 1 + parts.iter().map(|part| part.chars().count() + "  |  ".len()).sum::<usize>();
+        parts.extend(letters(live, usize::from(width).saturating_sub(taken)));
     }
     Line::from(format!(" {}", parts.join("  |  ")))
 }
@@ -266,8 +268,8 @@ fn foot_line(model: &Model, width: u16) -> Line<'static> {
         return Line::from(format!(" {}", printable(problem))).red();
     }
     let mut line = keys(width);
-    if let Some(live) = model.live.as_ref().filter(|live| letters_are_below(live, width)) {
-        line.push_span(Span::from(letters(live)));
+    if let Some(said) = model.live.as_ref().and_then(|live| letters_below(live, width)) {
+        line.push_span(Span::from(said));
     }
     line
 }

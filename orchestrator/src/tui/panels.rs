@@ -14,6 +14,8 @@ use std::ops::Range;
 use view::data::{Kitchen, Live, LogLine, Worker};
 
 pub const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
+/// Columns of a chart whose axis has room for its unit.
+const WITH_UNIT: u16 = 34;
 /// Columns of a kitchen's row: its number, episodes and two figures.
 const KITCHEN_COLUMNS: u16 = 32;
 const SECOND: Color = Color::DarkGray;
@@ -68,7 +70,8 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
         _ if greatest.abs().max(least.abs()) < 0.1 => format!("{value:.3}"),
         _ => format!("{value:.2}"),
     };
-    let x = Axis::default().bounds([0.0, frames.max(1) as f64]).labels(["0".to_owned(), format!("{} frames", short(frames))]);
+    let last = if area.width < WITH_UNIT { short(frames) } else { format!("{} frames", short(frames)) };
+    let x = Axis::default().bounds([0.0, frames.max(1) as f64]).labels(["0".to_owned(), last]);
     let y = Axis::default().bounds([least, greatest]).labels([label(least), label(greatest)]);
     let chart = Chart::new(lines.collect()).block(Block::bordered().title(Line::from(title))).x_axis(x).y_axis(y);
     frame.render_widget(chart, area);

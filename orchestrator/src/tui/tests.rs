@@ -140,8 +140,10 @@ fn what_letters_and_axes_are_of_is_said_where_there_is_room() {
     assert!(wide[34].trim_end().ends_with(said), "{}", wide[34]);
     assert!(wide.join("\n").contains("1000 frames│"), "{}", wide.join("\n"));
     assert!(wide[0].contains("seed 1  in ") && wide[2].contains(" frames/s, mean  time: simulate "), "{}", wide[2]);
+    // Where there is little room: what is less known, and numbers without their unit.
     let small = screen(&model, 80, 24).join("\n");
-    assert!(!small.contains(said), "the keys come first: {small}");
+    assert!(!small.contains(said) && small.contains("  |  SRwoD: success without disturbance"), "{small}");
+    assert!(small.contains(" 1000│") && !small.contains(" frames│"), "{small}");
     // Of an evaluation: how it plays, and that there is nothing yet.
     let live = model.live.as_mut().unwrap();
     (live.card.evaluation, live.frames_per_s, live.kitchens) = (true, None, vec![]);

@@ -438,7 +438,10 @@ mod tests {
                 &["up", "--set", "num_envs=8"],
                 "tip: here it is `--actors N` times `--envs-per-actor N` (`actors.count` and `actors.environments_per_actor` in settings)",
             ),
-            (&["eval", "a", "--objects", "new"], "tip: it is `novel`: objects that were no targets in training; `seen` those that were, `all` both"),
+            (
+                &["eval", "a", "--objects", "new"],
+                "tip: it is `novel`: objects that were no targets in training; `seen` those that were, `all` both",
+            ),
             (&["eval", "a", "--objects", "known"], "tip: it is `seen`: objects that were targets in training"),
             (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=128`"),
             (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
