@@ -208,7 +208,7 @@ fn throughput(live: &Live, width: u16) -> Line<'static> {
     Line::from(spans)
 }
 
-/// What the letters of the metrics stand for, "SRwoD: success without disturbance", in so many columns: of all, or of the
+/// What the letters of the metrics stand for, `SRwoD: success without disturbance`, in so many columns: of all, or of the
 /// last one alone.
 fn letters(live: &Live, columns: usize) -> Option<String> {
     let shares = live.card.metrics.iter().filter(|metric| metric.is_share() && metric.label != metric.name);

@@ -438,11 +438,6 @@ mod tests {
                 &["up", "--set", "num_envs=8"],
                 "tip: here it is `--actors N` times `--envs-per-actor N` (`actors.count` and `actors.environments_per_actor` in settings)",
             ),
-            (
-                &["eval", "a", "--objects", "new"],
-                "tip: it is `novel`: objects that were no targets in training; `seen` those that were, `all` both",
-            ),
-            (&["eval", "a", "--objects", "known"], "tip: it is `seen`: objects that were targets in training"),
             (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=128`"),
             (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
             (&["up", "--set", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
@@ -523,6 +518,19 @@ mod tests {
         assert!(error.contains("`clip_range`\n\n  tip: here it is `--set ppo.clip=0.1`"), "{error}");
         assert!(answer(&["up", "--set", "gamma=0.9"]).contains("(did you mean `ppo.gamma`?)"));
         assert!(answer(&["up", "--set", "learning_rate=1e-3"]).contains("(did you mean `ppo.learning_rate` or "));
+    }
+
+    #[test]
+    fn a_word_that_is_no_set_of_objects_is_answered_with_those_that_are() {
+        let novel = "it is `novel`: objects that were no targets in training; `seen` those that were, `all` both";
+        let seen = "it is `seen`: objects that were targets in training; `novel` those that were not, `all` both";
+        let all = "it is `all`: those seen in training and novel ones";
+        let any = "`novel` objects were no targets in training, `seen` ones were, `all` are both";
+        for (word, tip) in [("new", novel), ("newest", novel), ("known", seen), ("both", all), ("Cup", any)] {
+            let error = answer(&["eval", "a", "--objects", word]);
+            assert!(error.contains(&format!("tip: {tip}\n")), "{word}: {error}");
+            assert!(error.contains("[possible values: novel, seen, all]"), "{error}");
+        }
     }
 
     #[test]
