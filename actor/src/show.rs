@@ -145,7 +145,7 @@ impl KitchensInUse {
             goal_tolerance_m,
             orbit: ShowOrbit { centre_m: centre.into(), radius_m, yaw_rad, pitch_rad },
             plan_centre_m: [frame.centre.x, frame.centre.z],
-            plan_half_width_m: frame.half_width_m,
+            plan_half_m: frame.half_m,
             black_m: f32::from(black_mm) / 1000.0,
             moments: shown,
             things,

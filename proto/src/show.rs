@@ -91,8 +91,8 @@ pub struct ShownEpisode {
     pub orbit: ShowOrbit,
     /// Middle of the floor plan (x, z), metres.
     pub plan_centre_m: [f32; 2],
-    /// Half of the floor plan's width, metres.
-    pub plan_half_width_m: f32,
+    /// Half of the floor's extent along x and z, metres. The plan's picture is as wide and as high as the greater of them.
+    pub plan_half_m: [f32; 2],
     /// What is as far away is black in the robot's view, metres.
     pub black_m: f32,
     /// The start, and what was there after each action.

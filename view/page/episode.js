@@ -173,7 +173,7 @@ export async function showEpisode(root, run, key, query, signal, named) {
   else replace(root, title, stage.problem,
     h("div", { class: "episode" },
       h("div", { class: "stack" },
-        h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, stage.words, explained(stage.episode), player.keys, stage.proof())),
+        h("section", { class: "card", "aria-label": "The room" }, besides(stage.orbit.element, explained(stage.episode), stage.words, player.keys, stage.proof())),
         player.element),
       h("div", { class: "side" }, figure("What the robot sees", [stage.depth.element, stage.scale]), figure("Floor plan and path", [stage.plan.element, stage.plan.legend]),
         h("section", { class: "card stack" }, stage.moved, stage.parts, stage.channels))));

@@ -132,8 +132,8 @@ export async function showList(root, query, signal) {
     const lacks = !Number.isFinite(card.figures[metric?.name] ?? NaN);
     return h("td", { "data-head": label, class: `number${at > 1 ? " optional" : ""}${lacks ? " lacking" : ""}` }, metric && figure(metric, card.figures[metric.name]));
   });
-  const mean = (one) => h("tr", { style: { "--indent": "1.5rem" } }, h("td", {}), h("td", {}, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
-  const heading = ({ id, suite, suite_standing: { folder, counts, report } }) => h("tr", {}, h("td", {}), h("td", { colSpan: 3 + metrics.length },
+  const mean = (one) => h("tr", { class: "mean", style: { "--indent": "1.5rem" } }, h("td", {}), h("td", {}, one.what, h("div", { class: "faint small" }, one.of)), h("td", {}), cells(one), h("td", { class: "optional" }));
+  const heading = ({ id, suite, suite_standing: { folder, counts, report } }) => h("tr", {}, h("td", {}), h("td", { class: "suite", colSpan: 3 + metrics.length },
     h("a", { href: suiteAddress({ suite, suite_standing: { folder } }) }, `suite ${suite}`), `: ${counts}`, report && [" · ", reportOf(id, report, "report")]));
   const row = (card) => {
     const box = h("input", {

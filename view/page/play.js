@@ -2,7 +2,7 @@
 
 import { h, json, notice, pause, replace, say, waiting } from "./dom.js";
 import { count, figure, kitchenName } from "./format.js";
-import { CAMERA_KEYS, Stage, besides, explained, keyCaps } from "./stage.js";
+import { CAMERA_KEYS, DRAFT, Stage, besides, explained, keyCaps } from "./stage.js";
 
 /** How long the end of an episode is looked at, and how long to wait where there is nothing new, milliseconds. */
 const END = 2500;
@@ -131,11 +131,13 @@ class SceneRenderer {
     const task = target ? `Bring the ${target} (pink) to its goal (green), and displace nothing else (violet)` : "Reach the goal (green)";
     replace(this.place, h("div", { class: "episode" },
       h("section", { class: "card stack", "aria-label": "The room" },
-        h("div", {}, h("strong", {}, task), h("div", { class: "small row newer" }, h("span", {}, `episode ${stage.episode.number} in ${stage.place} `, end), h("span", { class: "soft" }, missed), newer)), stage.problem,
-        besides(stage.orbit.element, stage.words, explained(stage.episode), h("div", { class: "small soft keys" }, keyCaps([["space", "pause"], ...CAMERA_KEYS])), stage.moved)),
+        h("div", {}, h("strong", {}, task), h("div", { class: "small ending" }, `episode ${stage.episode.number} in ${stage.place} `, end), h("div", { class: "small row newer" }, h("span", { class: "soft optional" }, missed), newer)), stage.problem,
+        besides(stage.orbit.element, explained(stage.episode), stage.words, h("div", { class: "small soft keys" }, keyCaps([["space", "pause"], ...CAMERA_KEYS])), stage.moved)),
       h("div", { class: "side" }, h("figure", { class: "card" }, h("figcaption", {}, "What the robot sees"), stage.depth.element, stage.scale), h("figure", { class: "card" }, h("figcaption", {}, "Floor plan and path"), stage.plan.element, stage.plan.legend))));
     this.camera(stage);
     const interval = 1000 / this.speed;
+    // A step's picture is asked for while the one before it is looked at.
+    stage.orbit.may = [Math.max(DRAFT[0], 0.8 * interval), DRAFT[1]];
     stage.orbit.rests(false);
     stage.orbit.follow(0);
     stage.show(0);

@@ -340,6 +340,12 @@ class Page {
       says(`Episodes of the validation kitchens${this.seeds ? ", where every seed was evaluated" : ""}${this.spread()}.`));
   }
 
+  /** What a curve over thresholds has along its axis, in the words of its label: "threshold: total displacement below (m)". */
+  limitOf(task, name) {
+    const { label } = this.report.tasks[task].curves.find((one) => one.name === name);
+    return `threshold: ${label.replace(/^.*? with (a )?/i, "")}`;
+  }
+
   /** The curves over thresholds that a task declares. */
   limits() {
     const parts = this.byTask(this.results).flatMap(([task, found]) => this.report.tasks[task].curves.map(({ name, label, doc, marks }) => {
@@ -358,7 +364,7 @@ class Page {
       };
       const log = found.every(({ result }) => result.curves[name].every(({ at }) => at > 0));
       const isCounted = found.every(({ result }) => result.curves[name].every(({ at }) => Number.isInteger(at)));
-      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, isCounted, xLabel: `threshold${/ \(\w+\)$/.exec(label)?.[0] ?? ""}` }); Object.assign(made.content, { placed: true, marks: Object.entries(marks).map(([word, x]) => ({ x, label: word })) }); return made; };
+      const make = (field) => { const made = new Chart(`${label}, ${fieldName(field)}`, { share: true, log, isCounted, xLabel: this.limitOf(task, name) }); Object.assign(made.content, { placed: true, marks: Object.entries(marks).map(([word, x]) => ({ x, label: word })) }); return made; };
       return [this.charts(this.fields.filter((field) => found.some(({ result }) => result.field === field)), make, of), says(doc)];
     }));
     if (!parts.length) return null;

@@ -97,15 +97,17 @@ function kitchens(live, run) {
   const most = ({ kind, name }) => (kind === "share" ? 1 : Math.max(0.01, ...live.kitchens.map((kitchen) => kitchen.figures[name] ?? 0)));
   const inks = ["--run-0", "--run-2", "--run-1", "--run-3", "--run-4", "--run-5"];
   const cell = (share, text, ink) => h("div", { class: "meter" }, h("div", { class: "bar" }, h("i", { style: { width: `${100 * share}%`, background: ink } })), h("span", {}, text));
+  // A phone has room for three.
+  const kind = (at) => (at > 2 ? "number optional" : "number");
   const reading = live.indexed < READ ? h("p", { class: "small soft" }, `Of the recordings ${reached(live.indexed)} are read so far.`) : null;
   // Of the oldest episodes, as yet.
   if (live.indexed < 0.9) return [reading];
-  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight fold meters${metrics.length > 2 ? " many" : ""}` },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Kitchen"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map((metric) => headOf(metric)))),
+  return [reading, h("div", { class: "scroll bars" }, h("table", { class: `tight meters${metrics.length > 2 ? " many" : ""}` },
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Kitchen"), h("th", { scope: "col", class: "number" }, "Episodes"), metrics.map((metric, at) => headOf(metric, kind(at))))),
     h("tbody", {}, live.kitchens.map((kitchen) => h("tr", {},
       h("td", { "data-head": "Kitchen" }, h("a", { href: `#/run/${encodeURIComponent(run)}/episodes?kitchen=${kitchen.kitchen}` }, kitchenName(kitchen.kitchen, live.card.scenes).replace("kitchen ", ""))),
       h("td", { class: "number", "data-head": "Episodes" }, count(kitchen.episodes)),
-      metrics.map((metric, at) => h("td", { class: "number", "data-head": metric.label }, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name]), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
+      metrics.map((metric, at) => h("td", { class: kind(at), "data-head": metric.label }, cell((kitchen.figures[metric.name] ?? 0) / most(metric), figure(metric, kitchen.figures[metric.name]), `var(${inks[at % inks.length]})`))))))))].filter(Boolean);
 }
 
 /** What an evaluation came to, in the words of `eval`. */
@@ -120,10 +122,12 @@ function results({ results: { heads, rows, intervals, figures: further }, card }
   // Of one set of objects that is all there is.
   const shown = rows.filter((row, at) => row.filter || rows.findIndex((first) => !first.filter && isSame(first, row)) === at);
   const ways = [...new Set(intervals.filter(Boolean).map(({ whose }) => whose))];
+  const row = (one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes), "episodes"), one.cells.map((text, at) => cell(text, heads[at][0], !one.filter && isSame(one, all) && intervals[at])));
   return h("section", { class: "card" }, h("h2", {}, "Results"),
-    h("div", { class: "scroll" }, h("table", { class: "tight fold", "aria-label": "Results" },
+    h("div", { class: "scroll" }, h("table", { class: "tight fold parted", "aria-label": "Results" },
       h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Episodes of"), h("th", { scope: "col", class: "number" }, "episodes"), heads.map(([head, doc]) => h("th", { scope: "col", class: "number", title: doc }, head)))),
-      h("tbody", {}, shown.map((one) => h("tr", {}, h("td", { class: "whole" }, called(one)), cell(count(one.episodes), "episodes"), one.cells.map((text, at) => cell(text, heads[at][0], !one.filter && isSame(one, all) && intervals[at]))))))),
+      // Kitchens, objects, and what all together came to, are divided by lines.
+      [...Map.groupBy(shown, ({ filter }) => filter?.split("=")[0] ?? "")].map(([of, some]) => h("tbody", { class: of ? null : "sum" }, some.map(row))))),
     ways.length ? h("p", { class: "small soft" }, `Beneath a figure: ${ways.join(" or ")} 95% interval over these episodes.`) : null,
     h("dl", { class: "figures further" }, further.map(([name, value, doc]) => h("div", { title: doc }, h("dt", {}, name), h("dd", {}, value)))));
 }

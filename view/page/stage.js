@@ -11,9 +11,15 @@ export function pictureAddress(run, key, query) {
 /** Where there is no room the picture is as light or dark as the page. */
 const tinted = (address) => (isDark() ? `${address}&dark=true` : address);
 
+function whole(canvas, picture) {
+  Object.assign(canvas, { width: picture.width, height: picture.height });
+  canvas.getContext("2d").drawImage(picture, 0, 0);
+}
+
 /** Paints pictures on a canvas; of many that are asked for in a row only the newest is waited for. */
 export class Painter {
-  constructor(canvas, waits = () => {}) { Object.assign(this, { canvas, waits, busy: false, next: null, shown: null, loaded: null }); }
+  /** `put`: puts a picture on the canvas; as it is where nothing else is said. */
+  constructor(canvas, waits = () => {}, put = whole) { Object.assign(this, { canvas, waits, put, busy: false, next: null, shown: null, loaded: null }); }
 
   /** A picture as a blob. The one that was asked for last is not asked for again; `took`: told how many milliseconds it took. */
   load(wanted, signal, took = () => {}) {
@@ -40,8 +46,7 @@ export class Painter {
     try {
       if (wanted !== this.shown) {
         const picture = await createImageBitmap(await this.load(wanted, signal, took));
-        Object.assign(this.canvas, { width: picture.width, height: picture.height });
-        this.canvas.getContext("2d").drawImage(picture, 0, 0);
+        this.put(this.canvas, picture);
         picture.close();
         this.shown = wanted;
       }
@@ -70,14 +75,14 @@ function orbitQuery({ centre_m: [x, y, z], radius_m: radius, yaw_rad: yaw, pitch
 }
 
 /** A canvas with a badge that says which step it shows while another one's picture is waited for; `tell(step)` renews it. */
-function framed(canvas, kind, ...over) {
+function framed(canvas, kind, put, ...over) {
   const busy = h("span", { class: "busy" }, "drawing");
   const element = h("div", { class: `${kind} waits` }, canvas, over, busy);
   const tell = (step) => {
     const { step: shown = String(step) } = canvas.dataset;
     busy.textContent = shown === String(step) ? "drawing" : `step ${shown}; step ${step} is being drawn`;
   };
-  return { canvas, element, tell, painter: new Painter(canvas, (waits) => element.classList.toggle("waits", waits)) };
+  return { canvas, element, tell, painter: new Painter(canvas, (waits) => element.classList.toggle("waits", waits), put) };
 }
 
 /** Half of a picture's width for a distance of 1. */
@@ -85,17 +90,46 @@ const HALF_WIDTH = 0.42;
 /** Channels of what an action left, and those of the same as it is seen. */
 const SAME = { held: "holding", target: "current_target" };
 /** Milliseconds that a draft may take: of another step, and of another view of the same one. */
-const DRAFT = [110, 50];
+export const DRAFT = [110, 50];
 /** What a pixel of a draft takes on this machine, as of late, milliseconds. */
 let pixelTakes = null;
 /** So many of the things that are displaced have their names in the picture: those that are displaced most. */
 const NAMED = 4;
+/** Ways of a tag from what it names, the best first, and how far it may be from it, pixels. */
+const WAYS = [[0, -1], [0.8, -0.6], [-0.8, -0.6], [1, 0], [-1, 0], [0.8, 0.6], [-0.8, 0.6], [0, 1]];
+const AWAY = [16, 34, 56, 84, 120, 160];
+/** Metres from a robot's floor to its top, and half of its width; half of the room that a target takes. */
+const [ROBOT_TALL, ROBOT_HALF, TARGET_HALF] = [1.45, 0.17, 0.08];
 const CLAMP = (value, low, high) => Math.min(high, Math.max(low, value));
+
+/** How much of a box lies in another one, square pixels; boxes are [left, top, right, bottom]. */
+const shared = ([a, b, c, d], [e, f, g, i]) => Math.max(0, Math.min(c, g) - Math.max(a, e)) * Math.max(0, Math.min(d, i) - Math.max(b, f));
+
+/** Places tags beside what they name, those first that come first: not over what is in `taken`, nor over one another. Where
+ * there is no such place the first tag covers the least, and the others are left out. `tags`: `at`, `width` and `height`, pixels. */
+export function placed(tags, taken, [width, height]) {
+  const kept = [];
+  const boxes = [...taken, ...tags.map(({ at: [x, y] }) => [x - 5, y - 5, x + 5, y + 5])];
+  for (const tag of tags) {
+    const { at: [x, y], width: wide, height: tall } = tag;
+    const found = AWAY.flatMap((away) => WAYS.map(([right, down]) => {
+      const [left, top] = [x + right * (away + wide / 2) - wide / 2, y + down * (away + tall / 2) - tall / 2];
+      const box = [left, top, left + wide, top + tall];
+      const within = left >= 2 && top >= 2 && box[2] <= width - 2 && box[3] <= height - 2;
+      return { box, covers: within ? boxes.reduce((sum, other) => sum + shared(box, other), 0) : Infinity };
+    }));
+    const best = found.reduce((least, one) => (one.covers < least.covers ? one : least));
+    if (best.covers === Infinity || (best.covers > 0 && kept.length)) continue;
+    kept.push({ ...tag, box: best.box });
+    boxes.push(best.box);
+  }
+  return kept;
+}
 
 /** The room from a free camera. `moved`: told when the camera was moved. */
 export class OrbitView {
   constructor(stage, moved, drawn) {
-    Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, isAtRest: true, pointers: new Map() });
+    Object.assign(this, { stage, moved, drawn, step: 0, timer: 0, isAtRest: true, may: DRAFT, pointers: new Map() });
     const canvas = h("canvas", {
       class: "orbit", tabIndex: 0, role: "application", width: 640, height: 480,
       "aria-label": "The room from a free camera. Arrow keys turn it, plus and minus zoom, with shift the arrow keys move it, 0 puts it back.",
@@ -106,7 +140,7 @@ export class OrbitView {
     });
     this.first = h("div", { class: "first" }, waiting("The room is being drawn", stage.signal).element);
     this.names = h("div", { class: "names", "aria-hidden": "true" });
-    Object.assign(this, framed(canvas, "picture", this.names, this.first));
+    Object.assign(this, framed(canvas, "picture", whole, this.names, this.first));
     this.home();
   }
 
@@ -189,14 +223,40 @@ export class OrbitView {
     return Math.abs(right) < 1 && Math.abs(up) < 0.75;
   }
 
-  /** Names what is displaced, beside it. */
+  /** A place in a picture of so many pixels. */
+  pixel(place, [width, height]) {
+    const [right, up] = this.seen(place);
+    return [(width / 2) * (1 + right), height / 2 - (width / 2) * up];
+  }
+
+  /** What tags must not cover, as boxes in pixels: the robot with its arm, the target and the goal. */
+  taken(step, size) {
+    const { goal_tolerance_m: reach, moments } = this.stage.episode;
+    const { wrist_position_m: hand, target_position_m: target, goal_position_m: goal, base_position_m: base } = moments[step].channels ?? {};
+    const around = (places, by) => {
+      const found = places.map((place) => this.pixel(place, size)).filter((at) => at.every(Number.isFinite));
+      const [across, down] = [0, 1].map((axis) => found.map((at) => at[axis]));
+      return found.length ? [[Math.min(...across) - by, Math.min(...down) - by, Math.max(...across) + by, Math.max(...down) + by]] : [];
+    };
+    const corners = ([x, y, z], half) => [-half, half].flatMap((dx) => [-half, half].flatMap((dy) => [-half, half].map((dz) => [x + dx, y + dy, z + dz])));
+    const [x, z] = base ? [base[0], base.at(-1)] : [];
+    const column = base ? [-ROBOT_HALF, ROBOT_HALF].flatMap((aside) => [0, ROBOT_TALL].flatMap((y) => [[x + aside, y, z], [x, y, z + aside]])) : [];
+    const arm = base && hand?.length === 3 ? [0.25, 0.5, 0.75, 1].map((share) => [x + share * (hand[0] - x), hand[1], z + share * (hand[2] - z)]) : [];
+    return [...around(column, 2), ...arm.flatMap((place) => around([place], 9)), ...(target?.length === 3 ? around(corners(target, TARGET_HALF), 4) : []), ...(goal?.length === 3 ? around(corners(goal, reach), 3) : [])];
+  }
+
+  /** Names what is displaced, beside it: a thin line leads there. */
   name(step) {
     const { episode } = this.stage;
+    const [width, height] = [this.names.clientWidth || 640, this.names.clientHeight || 480];
     const there = farthest(episode, episode.moments[step]).filter(({ place }) => this.holds(place)).slice(0, NAMED);
-    replace(this.names, there.map(({ name, far, place }) => {
-      const [right, up] = this.seen(place);
-      return h("span", { style: { left: `clamp(5rem, ${50 + 50 * right}%, 100% - 5rem)`, top: `${50 - (200 / 3) * up}%` } }, `${name} ${metres(far, 2)}`);
-    }));
+    const spans = there.map(({ name, far }) => h("span", {}, `${name} ${metres(far, 2)}`));
+    replace(this.names, spans);
+    const tags = there.map(({ place }, at) => ({ span: spans[at], at: this.pixel(place, [width, height]), width: spans[at].offsetWidth || 8 * spans[at].textContent.length, height: spans[at].offsetHeight || 20 }));
+    const shown = placed(tags, this.taken(step, [width, height]), [width, height]);
+    const lines = shown.map(({ at: [x, y], box: [left, top, right, bottom] }) => svg("line", { x1: x, y1: y, x2: CLAMP(x, left, right), y2: CLAMP(y, top, bottom) }));
+    for (const { span, box: [left, top] } of shown) { span.style.setProperty("left", `${(100 * left) / width}%`); span.style.setProperty("top", `${(100 * top) / height}%`); }
+    replace(this.names, svg("svg", { viewBox: `0 0 ${width} ${height}` }, lines), shown.map(({ span }) => span));
   }
 
   /** Where robot or target leave the picture of an episode that goes on: the view from which its way so far is seen. A
@@ -229,10 +289,10 @@ export class OrbitView {
 
   changed() { this.draw(); this.moved(this.camera); }
 
-  /** `may`: milliseconds that a draft may take, which is as fine as this machine draws in them. */
-  address(fine, may = DRAFT[0]) {
+  /** `may`: milliseconds that a draft may take, which is as fine as this machine draws in them. The first one is in full size. */
+  address(fine, may = this.may[0]) {
     const full = CLAMP(Math.round((this.canvas.clientWidth || 640) * Math.min(devicePixelRatio || 1, 1.5)), 240, 960);
-    const inTime = pixelTakes ? 80 * Math.floor(Math.sqrt(may / pixelTakes / 0.75) / 80) : 0;
+    const inTime = pixelTakes && this.canvas.dataset.step !== undefined ? 80 * Math.floor(Math.sqrt(may / pixelTakes / 0.75) / 80) : full;
     const width = 4 * Math.round((fine ? full : CLAMP(inTime, CLAMP(full / 2, 240, 420), full)) / 4);
     return this.stage.address({ view: "orbit", step: this.step, width, height: (width * 3) / 4, fine, ...orbitQuery(this.camera) });
   }
@@ -241,10 +301,12 @@ export class OrbitView {
   draft(may, paints) {
     const address = this.address(false, may);
     const { searchParams } = new URL(address, location.href);
+    // The first picture of an episode takes longer than others: its room is built.
+    const isFirst = this.canvas.dataset.step === undefined;
     const took = (ms) => {
       const takes = ms / searchParams.get("width") / searchParams.get("height");
       // One that the browser has kept says nothing.
-      if (ms > 10) pixelTakes = pixelTakes ? 0.8 * pixelTakes + 0.2 * takes : takes;
+      if (ms > 10 && !isFirst) pixelTakes = pixelTakes ? 0.7 * pixelTakes + 0.3 * takes : takes;
     };
     return paints ? this.painter.paint(address, this.stage.signal, took) : this.painter.load(tinted(address), this.stage.signal, took);
   }
@@ -254,7 +316,7 @@ export class OrbitView {
     clearTimeout(this.timer);
     const { step } = this;
     this.tell(step);
-    this.draft(DRAFT[Number(this.wanted === step)], true).then((painted) => {
+    this.draft(this.may[Number(this.wanted === step)], true).then((painted) => {
       // Of those that were overtaken the newest draws on.
       if (!painted) return;
       this.canvas.dataset.step = String(step);
@@ -280,13 +342,29 @@ export class OrbitView {
   }
 }
 
+/** The floor plan is at most so many times as long as high. */
+const LONGEST = 2.2;
+
 /** The floor plan with the path taken. */
 class PlanView {
   constructor(stage) {
     this.stage = stage;
-    const { plan_centre_m: [x, z], plan_half_width_m: half } = stage.episode;
-    this.overlay = svg("svg", { viewBox: `${x - half} ${-z - half} ${2 * half} ${2 * half}`, role: "img" });
-    Object.assign(this, framed(h("canvas", { width: 420, height: 420, "aria-hidden": "true" }), "plan", this.overlay));
+    const { plan_centre_m: [x, z], plan_half_m: [wide, deep] } = stage.episode;
+    const half = Math.max(wide, deep);
+    // The long side lies across; a kitchen that is very long has some floor of its surroundings above and below it.
+    const tall = Math.max(Math.min(wide, deep), half / LONGEST);
+    const turned = deep > wide ? 90 : 0;
+    this.drawing = svg("g", { transform: `rotate(${turned} ${x} ${-z})` });
+    this.overlay = svg("svg", { viewBox: `${x - half} ${-z - tall} ${2 * half} ${2 * tall}`, role: "img" }, this.drawing);
+    const put = (canvas, picture) => {
+      Object.assign(canvas, { width: picture.width, height: Math.round((picture.width * tall) / half) });
+      const pen = canvas.getContext("2d");
+      pen.translate(canvas.width / 2, canvas.height / 2);
+      pen.rotate((turned * Math.PI) / 180);
+      pen.drawImage(picture, -picture.width / 2, -picture.height / 2);
+    };
+    Object.assign(this, framed(h("canvas", { width: 420, height: 420, "aria-hidden": "true" }), "plan", put, this.overlay));
+    this.element.style.setProperty("--long", (half / tall).toFixed(3));
     const lines = [["path", "path, pale ahead"], ...(stage.episode.target ? [["carried", "target carried"]] : []), ["moved", "displaced"]];
     this.legend = h("div", { class: "legend small soft" }, lines.map(([kind, text]) => h("span", {}, h("span", { class: `swatch ${kind}` }), text)));
   }
@@ -308,7 +386,7 @@ class PlanView {
       const [fromX, fromZ] = things[number].stood_m;
       return [svg("line", { class: "moved", x1: fromX, y1: -fromZ, x2: toX, y2: -toZ }), svg("circle", { class: "moved", cx: toX, cy: -toZ, r: 0.045 })];
     });
-    replace(this.overlay,
+    replace(this.drawing,
       svg("polyline", { class: "path ahead", points: points(moments.slice(step), "base_position_m") }),
       svg("polyline", { class: "path", points: points(moments.slice(0, step + 1), "base_position_m") }),
       svg("polyline", { class: "carried", points: points(carried, "target_position_m") }),
@@ -371,8 +449,8 @@ export const explained = ({ target }) => h("ul", { class: "marks small soft" },
 export const keyCaps = (keys) => keys.map(([key, does]) => h("div", {}, h("kbd", {}, key), ` ${does}`));
 export const CAMERA_KEYS = [["arrows", "turn"], ["shift arrows", "move"], ["+ −", "zoom"], ["0", "back"]];
 
-/** A picture of the room, and beside it, where there is a place, what is said of it. */
-export const besides = (picture, ...said) => h("div", { class: "room" }, picture, h("div", { class: "stack" }, said));
+/** A picture of the room, beside it, where there is a place, what is said of it, and beneath it what is marked there. */
+export const besides = (picture, marked, ...said) => h("div", { class: "room" }, picture, h("div", { class: "stack" }, said), marked);
 
 /** Half of the slider's knob, px: the middle of its first and of its last step is that far within its ends, and so are those of the strip. */
 export const EDGE = 8;
@@ -464,7 +542,7 @@ export class Stage {
     Object.assign(this, { run, key, signal, episode, step: 0 });
     this.problem = h("p", { class: "notice error", hidden: true, role: "alert" });
     this.drawn = new Promise((resolve) => { this.orbit = new OrbitView(this, (camera) => this.turned?.(camera), resolve); });
-    this.depth = framed(h("canvas", { class: "depth", width: 224, height: 224, role: "img" }), "picture");
+    this.depth = framed(h("canvas", { class: "depth", width: 224, height: 224, role: "img" }), "picture", whole);
     this.black = h("span", {});
     this.scale = h("div", { class: "legend small soft" }, h("span", {}, "0 m ", h("span", { class: "swatch depths" }), this.black));
     this.plan = new PlanView(this);
@@ -565,7 +643,7 @@ export class Stage {
     const { orbit } = this;
     const shown = orbit.step;
     orbit.step = step;
-    orbit.draft(DRAFT[0], false);
+    orbit.draft(orbit.may[0], false);
     orbit.step = shown;
     this.depth.painter.load(tinted(this.depthAddress(step)), this.signal);
   }

@@ -106,7 +106,7 @@ while read -r line; do
     *'"step":13'*) exit 3 ;;
     *'"step":14'*) echo nonsense ;;
     *'"step":15'*) exec sleep 3600 ;;
-    *'"open"'*'"a/1-0-99"'*) echo '{"opened":{"task":{"channels":[],"rewards":[],"weights":{},"metrics":[],"successes":[]},"target":null,"outcome":"failure","figures":{},"goal_tolerance_m":0.5,"orbit":{"centre_m":[0,0,0],"radius_m":1,"yaw_rad":0,"pitch_rad":0},"plan_centre_m":[0,0],"plan_half_width_m":1,"black_m":1,"moments":[],"things":[],"compared":0,"first_difference":null}}' ;;
+    *'"open"'*'"a/1-0-99"'*) echo '{"opened":{"task":{"channels":[],"rewards":[],"weights":{},"metrics":[],"successes":[]},"target":null,"outcome":"failure","figures":{},"goal_tolerance_m":0.5,"orbit":{"centre_m":[0,0,0],"radius_m":1,"yaw_rad":0,"pitch_rad":0},"plan_centre_m":[0,0],"plan_half_m":[1,1],"black_m":1,"moments":[],"things":[],"compared":0,"first_difference":null}}' ;;
     *'"open"'*) open=yes; echo '{"picture":{"bytes":0}}' ;;
     *) if [ "$open" ]; then printf '{"picture":{"bytes":4}}\nPNG!'; else echo '"not_open"'; fi ;;
   esac

@@ -4,6 +4,7 @@ use super::depth_view::{depth_view, mark};
 use super::marks::{GOAL, TARGET};
 use super::model::Model;
 use super::moment::{Captions, Moment, Task};
+use super::robot::HOLDS;
 use super::scene::{DISPLACED, GHOST, PAPER, Scene, shadow_on};
 use super::shade::Exposure;
 use super::sky::{self, Lit};
@@ -11,7 +12,7 @@ use simulator::kitchen::Kitchen;
 use std::sync::Arc;
 
 const INK: Rgb = [34, 38, 44];
-const FAINT: Rgb = [112, 118, 126];
+const FAINT: Rgb = [78, 84, 92];
 const GOOD: Rgb = [0, 128, 64];
 /// A success that lacks what the task demands most.
 const HALF_GOOD: Rgb = [154, 91, 0];
@@ -96,13 +97,14 @@ fn write(canvas: &mut Canvas, side: usize, (task, black_mm): (&Task, u16), capti
     let signs = [
         ("target", TARGET, task.target.is_some()),
         ("goal", GOAL, task.goal.is_some()),
+        ("holding", HOLDS, task.target.is_some()),
         ("displaced", DISPLACED, true),
         ("where it stood", mix(PAPER, DISPLACED, GHOST[0]), true),
     ];
     for (word, colour, _) in signs.into_iter().filter(|(.., is_there)| *is_there) {
         let [x, y, size] = [at, line(4.0) - 0.6 * small_px, 0.6 * small_px].map(|px| px as usize);
         canvas.fill(x, y, size, size, colour);
-        at = canvas.text(word, small_px, at + small_px, line(4.0), FAINT) + space;
+        at = canvas.text(word, small_px, at + small_px, line(4.0), FAINT) + 0.5 * text_px;
     }
 }
 
@@ -201,10 +203,10 @@ mod tests {
         let captions = Captions { remarks: vec![("goal success".to_owned(), true)], ..Captions::default() };
         write(&mut success, 448, (&task, 5_000), &captions);
         assert!(has(&success, &[GOOD]) && !has(&success, &[BAD]));
-        assert!(!has(&canvas, &[TARGET]) && !has(&canvas, &[GOAL]), "explains what this task has not");
+        assert!([TARGET, GOAL, HOLDS].iter().all(|&one| !has(&canvas, &[one])), "explains what this task has not");
         (task.target, task.goal) = (Some(0), Some(Vec3::ZERO));
         write(&mut canvas, 448, (&task, 5_000), &captions);
-        assert!(has(&canvas, &[TARGET, GOAL]), "does not explain its colours");
+        assert!(has(&canvas, &[TARGET, GOAL, HOLDS]), "does not explain its colours");
         let below = &canvas.pixels[(height - 448) * width..];
         assert!(below.iter().all(|pixel| *pixel == PAPER), "captions reach into the views");
         let mut long = Canvas::new(width, height, PAPER);

@@ -47,21 +47,24 @@ impl Views {
 pub struct PlanFrame {
     /// Its middle on the highest thing, metres.
     pub centre: Vec3,
-    pub half_width_m: f32,
+    /// Half of its extent along x and z, with a margin, metres.
+    pub half_m: [f32; 2],
 }
 
 impl PlanFrame {
     pub fn of(model: &Model) -> Self {
         let (low, high) = model.bounds();
         let middle = 0.5 * (low + high);
-        let half_width_m = 0.51 * (high - low).x.max((high - low).z);
-        Self { centre: Vec3::new(middle.x, high.y, middle.z), half_width_m }
+        let margin_m = 0.01 * (high - low).x.max((high - low).z);
+        let half_m = [(high - low).x, (high - low).z].map(|extent_m| 0.5 * extent_m + margin_m);
+        Self { centre: Vec3::new(middle.x, high.y, middle.z), half_m }
     }
 
     pub fn camera(&self) -> Camera {
         let height_m = self.centre.y + 1.0;
         let pose = Pose3::from_parts(Vec3::new(self.centre.x, height_m, self.centre.z), rotation_x(FRAC_PI_2));
-        Camera::new(pose, Projection::Parallel { half_width_m: self.half_width_m }, height_m - SECTION_M)
+        let half_width_m = self.half_m[0].max(self.half_m[1]);
+        Camera::new(pose, Projection::Parallel { half_width_m }, height_m - SECTION_M)
     }
 }
 

@@ -124,11 +124,15 @@ impl Film {
                 _ => format!("step {step} of {count}: {}", moment.captions.action),
             };
         }
+        let target = picture::target_name(rules.spec, &self.record);
+        // At the start there is nothing to measure yet.
+        if let (Some(target), Some(first)) = (target, self.moments.first_mut()) {
+            first.captions.measures = format!("to do: bring the {target} to the goal, and displace nothing else");
+        }
         if let Some(last) = self.moments.last_mut() {
             last.captions.outcome = Some(outcome_in_words(rules, outcome));
         }
         let side = images.side as usize;
-        let target = picture::target_name(rules.spec, &self.record);
         let name = self.played.name(target, &file_word(rules, outcome));
         let mut sink = Sink::create(images, Path::new(&images.folder), &name, self.moments.len())?;
         let story = (images.format != ImageFormat::Png).then(|| {

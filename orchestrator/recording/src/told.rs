@@ -27,7 +27,7 @@ pub fn shown(
         goal_tolerance_m: 0.0,
         orbit: ShowOrbit { centre_m: [0.0; 3], radius_m: 1.0, yaw_rad: 0.0, pitch_rad: 0.0 },
         plan_centre_m: [0.0; 2],
-        plan_half_width_m: 1.0,
+        plan_half_m: [1.0; 2],
         black_m: 1.0,
         moments: moments.collect(),
         things: Vec::new(),

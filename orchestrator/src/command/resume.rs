@@ -144,7 +144,7 @@ pub fn run(args: &ResumeArgs) -> Result<ExitCode> {
     for path in [folder.logs(), folder.checkpoints(), folder.recordings()] {
         std::fs::create_dir_all(&path).with_context(|| format!("cannot create {}", path.display()))?;
     }
-    TrainingRun { folder, config, identity, lock, tools, started: Started::default() }.run()
+    TrainingRun { folder, config, identity, lock, tools, started: Started::default(), is_tested: false }.run()
 }
 
 /// The frames of the checkpoint that the run goes on from, its newest that is whole; 0 where it begins. Refuses a run that
@@ -230,7 +230,7 @@ pub fn go_on(folder: RunFolder, asked: Config, started: Started, patience: Durat
     }
     demand_all(&started.part(&config), &folder, &tools)?;
     terminal::note(&format!("goes on with run {} in {}", identity.id, folder.root().display()));
-    TrainingRun { folder, config, identity, lock, tools, started }.run()
+    TrainingRun { folder, config, identity, lock, tools, started, is_tested: false }.run()
 }
 
 #[derive(Debug, PartialEq, Eq)]

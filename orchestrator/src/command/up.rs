@@ -170,7 +170,9 @@ pub fn run(args: &UpArgs) -> Result<ExitCode> {
         show(&folder);
     }
     let is_demonstration = !asked && config.preset == "demo";
-    let training = TrainingRun { folder: folder.clone(), config: config.clone(), identity, lock, tools, started };
+    let (run, settings) = (folder.clone(), config.clone());
+    let training =
+        TrainingRun { folder: run, config: settings, identity, lock, tools, started, is_tested: is_demonstration };
     let ended = training.run()?;
     if is_demonstration && let Some(summary) = Summary::read(&folder)? {
         evaluate(&folder, &config, !summary.recordings.is_empty());
@@ -221,8 +223,8 @@ fn show(folder: &RunFolder) {
 /// Episodes of each test kitchen that end the demonstration: each category once.
 const TESTED: &str = "6";
 
-/// Ends the demonstration with a short test, so that its page and its report have results. Its table moves what is done
-/// next out of sight, so that is said again.
+/// Ends the demonstration with a short test, so that its page and its report have results, and says what can be
+/// done next.
 fn evaluate(folder: &RunFolder, config: &Config, recorded: bool) {
     let words = ["eval", "--episodes", TESTED, "--record", "all"];
     let ended = std::env::current_exe().and_then(|program| {

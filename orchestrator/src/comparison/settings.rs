@@ -21,6 +21,8 @@ fn row(path: &str, values: &[Value]) -> Row {
     let json = |value: Option<&Value>| value.and_then(|value| serde_json::to_value(value).ok()).unwrap_or_default();
     let text = |value: Option<&Value>| match value {
         None => String::new(),
+        // Of an evaluation no number of episodes is all that there are.
+        Some(Value::Integer(0)) if path == "evaluation.episodes" => "all".to_owned(),
         Some(Value::String(text)) => text.clone(),
         Some(value) => value.to_string(),
     };
@@ -43,7 +45,22 @@ fn at<'a>(value: &'a Value, path: &str) -> Option<&'a Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proto::evaluation::{EvaluationConfig, ObjectSet};
+    use proto::kitchen::Split;
     use serde_json::json;
+
+    #[test]
+    fn no_number_of_episodes_is_all() {
+        let all = Config {
+            evaluation: Some(EvaluationConfig::fixed(Split::Test, ObjectSet::Novel, 0)),
+            ..Config::resolve("demo", None).unwrap()
+        };
+        let mut some = all.clone();
+        some.evaluation.as_mut().unwrap().episodes = 30;
+        let rows = differences(&[all, some]);
+        assert_eq!((rows.len(), &rows[0].shown), (1, &vec!["all".to_owned(), "30".to_owned()]));
+        assert_eq!(rows[0].values, [json!(0), json!(30)]);
+    }
 
     #[test]
     fn a_setting_that_is_not_the_same_in_all_is_shown_of_all() {

@@ -5,6 +5,7 @@ use crate::wrong::{demand, reject};
 use anyhow::{Context, Result, bail};
 use proto::SCHEMA_VERSION;
 use proto::config::Config;
+use proto::likeness::nearest;
 use proto::run_folder::{RunFolder, write_atomically};
 use proto::run_state::Ending;
 use proto::shell::quoted;
@@ -13,7 +14,7 @@ use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 use wire::{WireAddress, is_run_id};
 
@@ -310,14 +311,34 @@ pub fn no_folder(path: &Path) -> String {
     format!("{} is a file: give the folder of a run or an evaluation{taken}", path.display())
 }
 
-/// Which run is probably meant by a path that is not there: one of that name where runs are.
+/// Which run is probably meant by a path that is not there: one of that name, or of nearly that name, where runs are.
 pub fn perhaps(path: &Path) -> String {
-    let there = Path::new("runs").join(path);
-    if path.is_relative() && there.is_dir() {
-        format!(" (did you mean {}?)", quoted(&there))
-    } else {
-        "; `orchestrator list` shows the runs that there are".to_owned()
+    match likest(Path::new("runs"), path) {
+        Some(there) => format!(" (did you mean {}?)", quoted(&there)),
+        None => "; `orchestrator list` shows the runs that there are".to_owned(),
     }
+}
+
+/// What is meant by a path among the folders of the path's own folder, and of that of the runs.
+fn likest(runs: &Path, path: &Path) -> Option<PathBuf> {
+    let is_inside = path.is_relative() && path.components().all(|part| matches!(part, Component::Normal(_)));
+    let same = runs.join(path);
+    if is_inside && same.is_dir() {
+        return Some(same);
+    }
+    let name = path.file_name()?.to_str()?;
+    // A run's own folder has folders that are no runs.
+    let own = path.parent().filter(|folder| folder.as_os_str() != "" && *folder != runs && holds_runs(folder));
+    own.into_iter().chain((is_inside || path.parent() == Some(runs)).then_some(runs)).find_map(|folder| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        // A suite has its runs in a folder of its own.
+        let is_run = |entry: &std::fs::DirEntry| {
+            RunFolder::new(entry.path()).identity().is_file() || holds_runs(&entry.path().join("runs"))
+        };
+        let names: Vec<String> =
+            entries.filter(is_run).filter_map(|entry| entry.file_name().into_string().ok()).collect();
+        nearest(name, names.iter().map(String::as_str)).map(|meant| folder.join(meant))
+    })
 }
 
 pub fn unix_now() -> u64 {
@@ -389,6 +410,23 @@ pub mod tests {
         let identity = Identity { id: "../../home/me".into(), ..Identity::new().unwrap() };
         identity.write(&folder).unwrap();
         assert!(Identity::read(&folder).unwrap_err().to_string().contains("letters and digits"));
+    }
+
+    #[test]
+    fn the_likest_run_is_meant_by_a_path_that_is_not_there() {
+        let temporary = tempfile::tempdir().unwrap();
+        let runs = temporary.path().join("runs");
+        for name in ["a", "20261201-demo-1"] {
+            std::fs::create_dir_all(runs.join(name)).unwrap();
+            std::fs::write(runs.join(name).join("run.toml"), "").unwrap();
+        }
+        let meant = |path: &Path| likest(&runs, path).and_then(|run| run.file_name()?.to_str().map(str::to_owned));
+        let [first, second] = ["a", "20261201-demo-1"].map(|name| Some(name.to_owned()));
+        for (path, expected) in [("a", &first), ("run/a", &first), ("20261201-demo-2", &second), ("run/b", &None)] {
+            assert_eq!(meant(Path::new(path)), *expected, "{path}");
+        }
+        assert_eq!(meant(&runs.join("20261201-demo")), second);
+        assert_eq!(meant(Path::new("/elsewhere/a")), None);
     }
 
     #[test]

@@ -37,6 +37,8 @@ pub struct TrainingRun {
     pub lock: RunLock,
     pub tools: Tools,
     pub started: Started,
+    /// A test follows, after which it is said what can be done next.
+    pub is_tested: bool,
 }
 
 #[derive(Default)]
@@ -194,7 +196,7 @@ impl TrainingRun {
     }
 
     fn session(&mut self, incarnation: u32, address: &WireAddress, signals: &mut Option<Signals>) -> Result<Ran> {
-        let Self { folder, config, identity, lock, tools, started } = self;
+        let Self { folder, config, identity, lock, tools, started, .. } = self;
         let session = Session { folder, config, incarnation, address, tools, launched: started.launched };
         begin_log(folder)?;
         tracing::info!(
@@ -255,6 +257,7 @@ impl TrainingRun {
         let recorded = summary.is_some_and(|summary| !summary.recordings.is_empty());
         let program = next_steps::program();
         let next = match outcome.end {
+            SessionEnd::Complete if self.is_tested => Vec::new(),
             SessionEnd::Complete => next_steps::complete(&program, &self.folder, &self.config, recorded),
             _ => next_steps::unfinished(&program, &self.folder, self.hosts()),
         };

@@ -92,7 +92,7 @@ fn draw_panels(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
             vec![
                 Constraint::Length(44),
                 Constraint::Fill(1),
-                Constraint::Length(panels::kitchens_width(live).min(area.width / 5 * 2).max(KITCHENS)),
+                Constraint::Length(panels::kitchens_width(live).min(area.width / 20 * 9).max(KITCHENS)),
             ]
         }
         (false, true) => vec![Constraint::Length(44.min(area.width / 2 + 4)), Constraint::Fill(1)],
@@ -121,10 +121,16 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
         other => Span::from(other.to_owned()).yellow(),
     };
     let wall = Duration::try_from_secs_f64(live.wall_s).unwrap_or_default();
+    let so_long = if card.state == "running" { "for" } else { "in" };
     let starts = if live.starts.len() > 1 { format!("  {} starts", live.starts.len()) } else { String::new() };
     let mut title = vec![
         state,
-        Span::from(format!("  {}, seed {}  {}{starts}", printable(&card.subject()), card.seed, format::duration(wall))),
+        Span::from(format!(
+            "  {}, seed {}  {so_long} {}{starts}",
+            printable(&card.subject()),
+            card.seed,
+            format::duration(wall)
+        )),
     ];
     // What the colours of the curves are.
     let stages = live.stages.iter().enumerate().filter(|_| live.stages.len() > 1 && !card.evaluation);
@@ -145,7 +151,7 @@ fn draw_head(frame: &mut Frame, area: Rect, live: &Live) {
     frame.render_widget(Paragraph::new(Line::from(title)), first);
     frame.render_widget(progress(live), second);
     frame.render_widget(Paragraph::new(throughput(live, third.width)), third);
-    frame.render_widget(Paragraph::new(machine(live)), fourth);
+    frame.render_widget(Paragraph::new(machine(live, fourth.width)), fourth);
 }
 
 fn end_of(path: &str, most: usize) -> String {
@@ -175,9 +181,14 @@ fn progress(live: &Live) -> Gauge<'static> {
 
 fn throughput(live: &Live, width: u16) -> Line<'static> {
     let Some(rate) = live.frames_per_s else {
-        return Line::from(if live.card.evaluation { "" } else { " no rollout yet" });
+        let conditions = live.card.conditions.as_deref().filter(|_| live.card.evaluation);
+        return Line::from(conditions.map_or_else(
+            || if live.card.evaluation { "" } else { " no rollout yet" }.to_owned(),
+            |conditions| format!(" {}", printable(conditions)),
+        ));
     };
-    let rate = format!(" {} frames/s  ", format::rate(rate));
+    let what = if live.card.state == "running" { "" } else { ", mean" };
+    let rate = format!(" {} frames/s{what}  time: ", format::rate(rate));
     let [simulate, infer, update] = live.shares;
     let parts = [
         ("simulate", simulate, Color::Green),
@@ -197,7 +208,21 @@ fn throughput(live: &Live, width: u16) -> Line<'static> {
     Line::from(spans)
 }
 
-fn machine(live: &Live) -> Line<'static> {
+/// What the letters of the metrics stand for, `SRwoD: success without disturbance`, in so many columns: of all, or of the
+/// last one alone.
+fn letters(live: &Live, columns: usize) -> Option<String> {
+    let shares = live.card.metrics.iter().filter(|metric| metric.is_share() && metric.label != metric.name);
+    let said = shares.map(|metric| format!("{}: {}", metric.label, metric.name.replace('_', " ")));
+    let said: Vec<String> = said.map(|text| printable(&text).into_owned()).collect();
+    [said.join(", "), said.last()?.clone()].into_iter().find(|text| text.chars().count() <= columns)
+}
+
+/// The same, where it has room behind the keys.
+fn letters_below(live: &Live, width: u16) -> Option<String> {
+    letters(live, usize::from(width).saturating_sub(keys(width).width()))
+}
+
+fn machine(live: &Live, width: u16) -> Line<'static> {
     let mut parts = Vec::new();
     let used: Vec<f64> = live.workers.iter().filter_map(|worker| worker.cores).collect();
     if let (Some(cores), false) = (live.cores, used.is_empty()) {
@@ -225,6 +250,10 @@ fn machine(live: &Live) -> Line<'static> {
     if let Some(last) = live.validation.last() {
         parts.push(format!("validation at {}: {}", format::count(last.frames), metrics(&last.figures)));
     }
+    if letters_below(live, width).is_none() {
+        let taken = 1 + parts.iter().map(|part| part.chars().count() + "  |  ".len()).sum::<usize>();
+        parts.extend(letters(live, usize::from(width).saturating_sub(taken)));
+    }
     Line::from(format!(" {}", parts.join("  |  ")))
 }
 
@@ -238,6 +267,14 @@ fn foot_line(model: &Model, width: u16) -> Line<'static> {
     if let Some(problem) = problem {
         return Line::from(format!(" {}", printable(problem))).red();
     }
+    let mut line = keys(width);
+    if let Some(said) = model.live.as_ref().and_then(|live| letters_below(live, width)) {
+        line.push_span(Span::from(said));
+    }
+    line
+}
+
+fn keys(width: u16) -> Line<'static> {
     let key = |key: &'static str, what: &'static str| {
         [Span::styled(key, Style::new().add_modifier(Modifier::REVERSED)), Span::from(format!(" {what}  "))]
     };

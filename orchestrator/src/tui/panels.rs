@@ -14,6 +14,8 @@ use std::ops::Range;
 use view::data::{Kitchen, Live, LogLine, Worker};
 
 pub const STAGES: [Color; 4] = [Color::Cyan, Color::Yellow, Color::Green, Color::Magenta];
+/// Columns of a chart whose axis has room for its unit.
+const WITH_UNIT: u16 = 34;
 /// Columns of a kitchen's row: its number, episodes and two figures.
 const KITCHEN_COLUMNS: u16 = 32;
 const SECOND: Color = Color::DarkGray;
@@ -68,7 +70,8 @@ pub fn chart(frame: &mut Frame, area: Rect, model: &Model, live: &Live, number: 
         _ if greatest.abs().max(least.abs()) < 0.1 => format!("{value:.3}"),
         _ => format!("{value:.2}"),
     };
-    let x = Axis::default().bounds([0.0, frames.max(1) as f64]).labels(["0".to_owned(), short(frames)]);
+    let last = if area.width < WITH_UNIT { short(frames) } else { format!("{} frames", short(frames)) };
+    let x = Axis::default().bounds([0.0, frames.max(1) as f64]).labels(["0".to_owned(), last]);
     let y = Axis::default().bounds([least, greatest]).labels([label(least), label(greatest)]);
     let chart = Chart::new(lines.collect()).block(Block::bordered().title(Line::from(title))).x_axis(x).y_axis(y);
     frame.render_widget(chart, area);
@@ -116,7 +119,7 @@ fn process_row(worker: &Worker) -> Row<'static> {
         (false, 0 | 1) => Color::Reset,
         _ => Color::Yellow,
     };
-    let pid = worker.pid.map_or_else(|| format::NOTHING.to_owned(), |pid| pid.to_string());
+    let pid = worker.pid.map_or_else(|| "ended".to_owned(), |pid| pid.to_string());
     let cores = if worker.stopped {
         "stopd".to_owned()
     } else {
@@ -231,18 +234,24 @@ pub fn kitchens(frame: &mut Frame, area: Rect, model: &Model, live: &Live) {
     let labels = || ["kitchen", "episodes"].into_iter().chain(metrics.iter().map(|metric| metric.label.as_str()));
     let times = usize::from(blocks);
     let head = Row::new((0..times).flat_map(|_| labels())).bold();
+    let which = if live.card.evaluation { "episodes by kitchen" } else { "newest episodes" };
     let title = match live.indexed {
-        0.999.. => " newest episodes ".to_owned(),
-        indexed => format!(" newest episodes, {:.0}% of recordings read ", 100.0 * indexed),
+        0.999.. => format!(" {which} "),
+        indexed => format!(" {which}, {:.0}% of recordings read ", 100.0 * indexed),
     };
     let table = Table::new(rows, (0..times).flat_map(|_| widths())).header(head).column_spacing(0);
     let left_out: Vec<&str> = live.card.metrics[metrics.len()..].iter().map(|metric| metric.label.as_str()).collect();
     let mut block = Block::bordered().title(title);
     if !left_out.is_empty() {
-        let named = format!(" no room: {} ", left_out.join(", "));
+        let named = format!(" no room for {} ", left_out.join(", "));
         let corners = 2;
         let is_whole = named.chars().count() + corners <= usize::from(area.width);
-        block = block.title_bottom(if is_whole { named } else { format!(" no room: {} columns ", left_out.len()) });
+        block = block.title_bottom(if is_whole { named } else { format!(" no room for {} columns ", left_out.len()) });
+    }
+    if live.kitchens.is_empty() || known.is_empty() && height > 0 {
+        let why = if live.indexed < 0.9 { "the recordings are read first" } else { "no episode has ended yet" };
+        frame.render_widget(Paragraph::new(why).block(block), area);
+        return;
     }
     frame.render_widget(table.block(block), area);
 }

@@ -133,6 +133,26 @@ fn an_evaluation_has_its_kitchens_and_no_long_empty_boxes() {
 }
 
 #[test]
+fn what_letters_and_axes_are_of_is_said_where_there_is_room() {
+    let (.., mut model) = looked_at(20);
+    let said = "SR: success, SRwoD: success without disturbance";
+    let wide = screen(&model, 120, 35);
+    assert!(wide[34].trim_end().ends_with(said), "{}", wide[34]);
+    assert!(wide.join("\n").contains("1000 frames│"), "{}", wide.join("\n"));
+    assert!(wide[0].contains("seed 1  in ") && wide[2].contains(" frames/s, mean  time: simulate "), "{}", wide[2]);
+    // Where there is little room: what is less known, and numbers without their unit.
+    let small = screen(&model, 80, 24).join("\n");
+    assert!(!small.contains(said) && small.contains("  |  SRwoD: success without disturbance"), "{small}");
+    assert!(small.contains(" 1000│") && !small.contains(" frames│"), "{small}");
+    // Of an evaluation: how it plays, and that there is nothing yet.
+    let live = model.live.as_mut().unwrap();
+    (live.card.evaluation, live.frames_per_s, live.kitchens) = (true, None, vec![]);
+    live.card.conditions = Some("my-run: sampled actions".to_owned());
+    press(&mut model, KeyCode::Char('w'));
+    assert!(screen(&model, 80, 24)[2].contains("my-run: sampled actions"));
+}
+
+#[test]
 fn a_suite_has_two_lines_above_its_run() {
     let (_temporary, readers, name, mut model) = looked_at(3);
     let alone = screen(&model, 80, 24);
@@ -222,9 +242,9 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     let known = counts(&usual);
     assert!(known > 8 && usual.contains(&format!("…{} more", 19 - known)), "{usual}");
     assert!(usual.contains("kitchen episodes SR     SRwoD  disturbance"), "{usual}");
-    assert!(usual.contains("└ no room: disturbance per success ─") && !wide.contains("no room"), "{usual}");
+    assert!(usual.contains("└ no room for disturbance per success ─") && !wide.contains("no room"), "{usual}");
     assert!(
-        usual.contains("restarts starts cores") && usual.contains("actor-01     –       2        3      –"),
+        usual.contains("restarts starts cores") && usual.contains("actor-01     ended   2        3      –"),
         "{usual}"
     );
     assert_eq!(counts(&screen(&model, 80, 24).join("\n")), 0);
@@ -234,7 +254,7 @@ fn kitchens_are_shown_in_every_usual_size_and_what_is_cut_is_counted() {
     let small = screen(&model, 80, 24).join("\n");
     let known = counts(&small);
     assert!(known > 4 && small.contains(&format!("…{} more", 19 - known)), "{small}");
-    assert!(small.contains("└ no room: 2 columns ─"), "{small}");
+    assert!(small.contains("└ no room for 2 columns ─"), "{small}");
     press(&mut model, KeyCode::End);
     assert!(screen(&model, 80, 24).join("\n").contains(" 119 "));
     press(&mut model, KeyCode::Char('w'));
@@ -253,6 +273,7 @@ fn the_oldest_episodes_are_not_shown_as_the_newest() {
     };
     let early = shown(0.4);
     assert!(early.contains(" newest episodes, 40% of recordings read ") && !early.contains("17      43"), "{early}");
+    assert!(early.contains("the recordings are read first"), "{early}");
     let late = shown(0.95);
     assert!(late.contains(" newest episodes, 95% of recordings read ") && late.contains("17      43"), "{late}");
     let whole = shown(1.0);

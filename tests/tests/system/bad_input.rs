@@ -75,6 +75,7 @@ const TYPED: &[(&str, &str)] = &[
     ("up --preset ppo", "there is no preset `ppo`;"),
     ("up demo", "`--preset demo`"),
     ("resume a", "did you mean runs/a?"),
+    ("status run/a", "did you mean runs/a?"),
     ("resume nowhere", "nowhere does not exist: no run began there; `orchestrator list`"),
     ("stop nowhere", "nowhere does not exist"),
     ("replay nowhere", "nowhere does not exist; `orchestrator list`"),

@@ -114,6 +114,9 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
         browser.open(&viewer.page());
         browser.wait_for("location.hash === '#/play' && document.querySelector('canvas.orbit')?.dataset.step > 1");
         browser.wait_for("document.querySelector('canvas.depth')?.dataset.step > 1");
+        // Whatever is said above the room later, it stays in its place.
+        let top = "document.querySelector('canvas.orbit').getBoundingClientRect().top";
+        let before = browser.value(top);
         for terms in [&*plays, "sampled actions, novel and seen objects, "] {
             browser.wait_for(&format!("document.querySelector('main').innerText.includes({terms:?})"));
         }
@@ -124,6 +127,7 @@ fn a_policy_plays_on_the_page_and_leaves_nothing_behind() {
         browser.wait_for(
             "/\\d episodes? ended in kitchen 7, SR \\d.*; you watched \\d to the end, SR \\d/.test(document.querySelector('main').innerText)",
         );
+        assert_eq!(browser.value(top), before);
         // The list of all that have ended is one click away.
         browser.wait_for("/^#.run.small-\\d+.episodes$/.test(document.querySelector('main a').hash)");
         if let Some(folder) = std::env::var_os("STILLROOM_SCREENSHOTS") {

@@ -256,6 +256,9 @@ fn an_episode_is_looked_at(browser: &mut Browser) {
     assert!(text(browser, ".legend").contains("reward r"), "the strip has a legend");
     browser.resize(1280, 900);
     browser.wait_for("document.querySelector('.plan svg .robot') && document.querySelector('.plan svg .path')");
+    // Its long side lies across.
+    let lies = "(({ clientWidth, clientHeight }) => clientWidth >= clientHeight)(document.querySelector('.plan'))";
+    assert_eq!(browser.value(lies), true);
     // Around the room it is as dark as the page.
     let corner = "document.querySelector('.plan canvas').getContext('2d').getImageData(0, 0, 1, 1).data[0]";
     browser.wait_for(&format!("{corner} > 200"));
@@ -279,18 +282,35 @@ fn what_a_step_is_said_to_be(browser: &mut Browser) {
         named.as_str().is_some_and(|text| text.contains("CoffeeMachine") && text.contains("others, less than")),
         "{named}"
     );
-    // What was displaced most is named above the film, and beside it in the room.
+    names_cover_nothing(browser);
+}
+
+/// What was displaced most is named above the film, and beside it in the room: not over target, goal, robot or another name.
+fn names_cover_nothing(browser: &mut Browser) {
     let named = browser.value(
         "(async () => { const [{ deeds }, { OrbitView }] = await Promise.all([import('/film.js'), import('/stage.js')]); \
-           const episode = { things: [{ category: 'Mug' }, { category: 'Apple' }], moments: [{ moved: [[0, 0.02, [9, 1, 0]], [1, 0.118, [0.4, 1, 0]]] }] }; \
+           const things = [{ category: 'Mug' }, { category: 'Apple' }, { category: 'Fork' }]; \
+           const moved = [[0, 0.02, [9, 1, 0]], [1, 0.118, [0.4, 1, 0]], [2, 0.05, [0.42, 1.02, 0]]]; \
+           const channels = { target_position_m: [0.4, 1.05, 0], goal_position_m: [0.3, 1.1, 0], \
+             base_position_m: [0, 0, 0], wrist_position_m: [0.35, 1.05, 0] }; \
+           const episode = { things, goal_tolerance_m: 0.1, moments: [{ moved, channels }] }; \
            const names = document.createElement('div'); \
            const camera = { yaw_rad: 0, pitch_rad: 0, radius_m: 1, centre_m: [0, 1, 0] }; \
-           OrbitView.prototype.name.call({ __proto__: OrbitView.prototype, stage: { episode }, names, camera }, 0); \
+           const view = { __proto__: OrbitView.prototype, stage: { episode }, names, camera }; \
+           view.name(0); \
            const said = () => ({ noted: [], measured: null }); \
-           const [{ textContent, style }] = names.children; \
-           return [deeds({ episode, last: 0, said }, 0), names.children.length, textContent, /^clamp.*68[.]4/.test(style.left) && style.top === '50%']; })()",
+           const [drawn, ...spans] = names.children; \
+           const boxes = spans.map(({ style, textContent }) => { \
+             const [left, top] = [6.4 * parseFloat(style.left), 4.8 * parseFloat(style.top)]; \
+             return [left, top, left + 8 * textContent.length, top + 20]; }); \
+           const apart = ([a, b, c, d], [e, f, g, h]) => a >= g || e >= c || b >= h || f >= d; \
+           const others = [...view.taken(0, [640, 480]), ...boxes]; \
+           const free = boxes.every((box) => others.every((other) => other === box || apart(box, other))); \
+           const [x, y] = ['x1', 'y1'].map((name) => Math.round(drawn.firstChild.getAttribute(name))); \
+           return [deeds({ episode, last: 0, said }, 0), spans.map(({ textContent }) => textContent), others.length > 8, free, x, y]; })()",
     );
-    assert_eq!(named, serde_json::json!(["step 0 of 0 · Apple moved 0.12 m", 1, "Apple 0.12\u{a0}m", true]));
+    let names = ["Apple 0.12\u{a0}m", "Fork 0.05\u{a0}m"];
+    assert_eq!(named, serde_json::json!(["step 0 of 0 · Apple moved 0.12 m", names, true, true, 438, 240]));
 }
 
 /// From the top of the page to an episode's third step without a mouse.

@@ -300,6 +300,9 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
                 "apng moves wherever a GIF does, and `ffmpeg -i FILM.mp4 FILM.gif` makes a GIF of a film".to_owned(),
             ),
             "gpu" | "GPU" => Some("it is `cuda`".to_owned()),
+            word if text(ContextKind::InvalidArg).is_some_and(|option| option.starts_with("--objects ")) => {
+                Some(of_objects(word).to_owned())
+            }
             "unseen" | "novel" => Some("unseen kitchens are those of `test`".to_owned()),
             _ => None,
         },
@@ -315,6 +318,20 @@ fn tip_of(error: &clap::Error, line: &clap::Command, words: &[String]) -> Option
             theirs.or_else(|| nearest.is_none().then(|| ALL_KEYS.to_owned()))
         }),
         _ => None,
+    }
+}
+
+/// What was probably meant by a word that is no set of objects.
+fn of_objects(word: &str) -> &'static str {
+    match word {
+        "known" | "train" | "training" | "trained" | "old" => {
+            "it is `seen`: objects that were targets in training; `novel` those that were not, `all` both"
+        }
+        "both" | "any" | "every" | "everything" => "it is `all`: those seen in training and novel ones",
+        _ if word.starts_with("new") || ["test", "unknown"].contains(&word) => {
+            "it is `novel`: objects that were no targets in training; `seen` those that were, `all` both"
+        }
+        _ => "`novel` objects were no targets in training, `seen` ones were, `all` are both",
     }
 }
 
@@ -344,6 +361,10 @@ pub fn with_tip(mut error: clap::Error, line: &clap::Command, words: &[String]) 
             error.remove(ContextKind::Usage);
         }
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    // The usage of a likely option names no other.
+    if error.get(ContextKind::SuggestedArg).is_some() {
+        error.remove(ContextKind::Usage);
     }
     let said = error.to_string();
     let readable = if said.contains("tip: here it is `--set ") {
@@ -413,7 +434,10 @@ mod tests {
             (&["presets", "--jsn"], "tip: a similar argument exists: '--json'"),
             (&["presets", "demo"], "tip: `orchestrator config --preset demo` prints a preset"),
             (&["scale", "runs/a", "40"], "tip: their number is given as `--actors 40`"),
-            (&["up", "--set", "num_envs=8"], "tip: here it is `--actors N` times `--envs-per-actor N`"),
+            (
+                &["up", "--set", "num_envs=8"],
+                "tip: here it is `--actors N` times `--envs-per-actor N` (`actors.count` and `actors.environments_per_actor` in settings)",
+            ),
             (&["config", "--set", "n_steps = 128"], "tip: here it is `--set ppo.rollout_steps=128`"),
             (&["up", "--set", "learning_rate=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
             (&["up", "--set", "ppo.lr=1e-3"], "tip: here it is `--set ppo.learning_rate=1e-3`"),
@@ -494,6 +518,25 @@ mod tests {
         assert!(error.contains("`clip_range`\n\n  tip: here it is `--set ppo.clip=0.1`"), "{error}");
         assert!(answer(&["up", "--set", "gamma=0.9"]).contains("(did you mean `ppo.gamma`?)"));
         assert!(answer(&["up", "--set", "learning_rate=1e-3"]).contains("(did you mean `ppo.learning_rate` or "));
+    }
+
+    #[test]
+    fn a_word_that_is_no_set_of_objects_is_answered_with_those_that_are() {
+        let novel = "it is `novel`: objects that were no targets in training; `seen` those that were, `all` both";
+        let seen = "it is `seen`: objects that were targets in training; `novel` those that were not, `all` both";
+        let all = "it is `all`: those seen in training and novel ones";
+        let any = "`novel` objects were no targets in training, `seen` ones were, `all` are both";
+        for (word, tip) in [("new", novel), ("newest", novel), ("known", seen), ("both", all), ("Cup", any)] {
+            let error = answer(&["eval", "a", "--objects", word]);
+            assert!(error.contains(&format!("tip: {tip}\n")), "{word}: {error}");
+            assert!(error.contains("[possible values: novel, seen, all]"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_likely_option_is_not_all_that_a_command_takes() {
+        let error = answer(&["up", "--prest", "demo"]);
+        assert!(error.contains("tip: a similar argument exists: '--preset'") && !error.contains("Usage:"), "{error}");
     }
 
     #[test]

@@ -64,7 +64,7 @@ pub const OPTIONS: &[(&str, &str, &str)] = &[
     ("up", "it is `--set ppo.rollout_steps=STEPS`", "n-steps num-steps num-steps-per-env rollout rollout-length"),
     (
         "up",
-        "it is `--actors N` times `--envs-per-actor N` (`actors` in settings)",
+        "it is `--actors N` times `--envs-per-actor N` (`actors.count` and `actors.environments_per_actor` in settings)",
         "num-envs n-envs num-environments num-processes num-workers num-env",
     ),
     ("up", "it is `--learners N`", "num-gpus nproc-per-node distributed world-size"),
