@@ -111,6 +111,9 @@ impl Deal {
     }
 }
 
+/// Of the next chunk.
+static NEXT_ID: AtomicU64 = AtomicU64::new(0);
+
 impl<'a> Whole<'a> {
     pub(crate) fn new(rollout: &'a Rollout, targets: &Targets) -> Self {
         let table = rollout.table();
@@ -176,8 +179,7 @@ impl Chunk {
     fn new(whole: &Whole, shard: usize, (packing, unbounded): (Packing, bool)) -> Self {
         let rows = whole.rollout.rows(&packing);
         let experience = whole.experience(&rows);
-        static NEXT: AtomicU64 = AtomicU64::new(0);
-        let id = NEXT.fetch_add(1, Ordering::Relaxed);
+        let id = NEXT_ID.fetch_add(1, Ordering::Relaxed);
         let mut chunk = Self { id, shard, packing, rows, experience, observations: None };
         chunk.observations = unbounded.then(|| whole.observations(&chunk));
         chunk

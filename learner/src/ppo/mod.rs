@@ -151,8 +151,8 @@ impl<'a> Update<'a> {
         let shards = self.shards;
         // Minibatches, and the loss's coefficients for each; none where no learner has a column of it.
         let (mut minibatches, mut coefficients) = (vec![], vec![]);
-        let factors = adam.factors((self.ppo.epochs * self.ppo.minibatches) as usize, self.learning_rate);
-        let (mut sums, mut steps) = (UpdateSums::default(), 0);
+        let factors = adam.factors(self.ppo.epochs as usize * self.ppo.minibatches as usize, self.learning_rate);
+        let (mut sums, mut taken) = (UpdateSums::default(), 0);
 
         for epoch in 0..self.ppo.epochs {
             if epoch > 0 && self.is_far(&sums)? {
@@ -174,11 +174,12 @@ impl<'a> Update<'a> {
             let queries: Vec<Vec<Vec<Query>>> =
                 minibatches.iter().map(|chunks| queries.by_ref().take(chunks.len()).collect()).collect();
             let asked = self.peers.totals(queries.iter().map(|queries| count(queries)))?;
-            for (((chunks, coefficients), queries), &asked) in minibatches.iter().zip(&coefficients).zip(&queries).zip(&asked)
+            for (((chunks, coefficients), queries), &asked) in
+                minibatches.iter().zip(&coefficients).zip(&queries).zip(&asked)
             {
                 let Some(coefficients) = coefficients else { continue };
-                let factors = factors.select(0, steps);
-                (steps, adam.steps) = (steps + 1, adam.steps + 1);
+                let factors = factors.select(0, taken);
+                (taken, adam.steps) = (taken + 1, adam.steps + 1);
                 if look == Look::AtTheEnd
                     && let Some(figures) = self.recorded_step(&whole, chunks, (coefficients, &factors), weights, adam)
                 {

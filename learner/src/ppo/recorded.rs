@@ -71,7 +71,7 @@ impl PassGraphs {
     #[cfg(test)]
     pub(crate) fn have_launched(&self) -> [bool; 2] {
         let Self { passes, steps } = self;
-        [passes.refused, steps.refused].iter().for_each(|refused| assert!(!refused));
+        assert!(!passes.refused && !steps.refused);
         [!passes.recorded.is_empty(), !steps.recorded.is_empty()]
     }
 }
@@ -117,12 +117,7 @@ impl<T> Graphs<T> {
         Some(result)
     }
 
-    fn record(
-        &mut self,
-        inputs: Inputs,
-        due: Due,
-        compute: impl Fn(&Inputs) -> T,
-    ) -> Result<Recorded<T>, GraphError> {
+    fn record(&mut self, inputs: Inputs, due: Due, compute: impl Fn(&Inputs) -> T) -> Result<Recorded<T>, GraphError> {
         // A graph's kernels have the priority of the stream that they were recorded on: acting goes first.
         let recorder = match &mut self.recorder {
             Some(recorder) => recorder,
